@@ -205,10 +205,10 @@ impl<'a> Interpreter<'a> {
         !self.progress.cancelled()
     }
 
-    /// Overrides a parameter; the value may be an expression.
+    /// Overrides a parameter before the run; the value may be an expression without names.
     ///
     /// # Errors
-    /// When the text is not a finite number.
+    /// When the text is no such expression. Whether the value is finite is not checked.
     pub fn set(&mut self, name: &str, value: &str) -> Result<(), String> {
         let parsed = Expression::parse(value).map_err(|e| e.message)?;
         let number = parsed.number(&|_, _| None).map_err(|e| e.message)?;
@@ -216,7 +216,7 @@ impl<'a> Interpreter<'a> {
         Ok(())
     }
 
-    /// The current mesh.
+    /// The current mesh; `None` before a step makes one.
     pub fn mesh(&self) -> Option<&PolyMesh> {
         self.history.model().mesh.as_deref()
     }
@@ -302,7 +302,8 @@ impl Script {
             .collect()
     }
 
-    /// Runs the script, up to and including the line `until` if one is given.
+    /// Runs the script, up to and including the line `until` if one is given. Each step is added to the history of
+    /// `interpreter`; its parameters and notes change too.
     ///
     /// # Errors
     /// [`ScriptError`] at the step that cannot be done; the model stays as it was before it.
@@ -331,7 +332,7 @@ impl Script {
     }
 }
 
-/// Runs items; returns whether to continue.
+/// Runs items up to the line `until`; returns whether to continue, which is false once a later line is reached.
 fn items(list: &[Item], interpreter: &mut Interpreter, until: usize) -> Result<bool, ScriptError> {
     for (n, item) in list.iter().enumerate() {
         match item {
@@ -404,7 +405,7 @@ fn is_verb(word: &str) -> bool {
     VERBS.iter().any(|v| v.0 == word && word != "SOLID")
 }
 
-/// The known word most similar to `word`, if any is similar.
+/// The known word most similar to `word`; `None` where none is within one edit and one more per four letters.
 fn nearest<'a, S: AsRef<str> + ?Sized>(word: &str, known: &'a [&S]) -> Option<&'a str> {
     known
         .iter()

@@ -15,7 +15,7 @@ pub const PLATONIC_SOLIDS: [&str; 5] = [
     "icosahedron",
 ];
 
-/// Maximum number of corners of a seed.
+/// Maximum number of corners of a seed, and of squares of a grid or torus.
 const MAX_CORNERS: usize = 1 << 24;
 
 /// Why a seed cannot be made.
@@ -63,17 +63,19 @@ pub(super) fn nearest_solid(name: &str) -> Option<&'static str> {
     archimedean::nearest(name)
 }
 
-/// A Platonic or Archimedean solid by any of its names, with its edge length.
+/// A Platonic or Archimedean solid by any of its names, with its edge length; `None` for an unknown name or an edge
+/// that makes no finite mesh.
 pub fn solid(name: &str, edge: f64) -> Option<PolyMesh> {
     let name = canonical(name)?;
     platonic(name, edge).or_else(|| archimedean::solid(name, edge))
 }
 
-/// A Platonic solid by name, with its edge length; the cube's edges run along the axes, and so do the
-/// twofold axes of the others.
+/// A Platonic solid by its canonical name, with its edge length; the cube's edges run along the axes, and so do the
+/// twofold axes of the others. `None` for other names and for an edge that makes no finite mesh.
 pub fn platonic(name: &str, edge: f64) -> Option<PolyMesh> {
     let g = f64::midpoint(1.0, 5f64.sqrt());
     let h = 1.0 / g;
+    // Bit a of n is the sign along axis a: the corners of a cube.
     let signs = |n: usize| [0, 1, 2].map(|a| if n >> a & 1 == 0 { -1.0 } else { 1.0 });
     // A rectangle in the plane of two axes, its corners by sign of the first, then of the second.
     let rectangle = |first: usize, second: usize, a: f64, b: f64| {
@@ -194,6 +196,7 @@ pub fn platonic(name: &str, edge: f64) -> Option<PolyMesh> {
     PolyMesh::from_lists(vertices, lists.iter().copied()).ok()
 }
 
+/// The value, if it is finite and more than 0.
 fn positive(name: &'static str, value: f64) -> Result<f64, SeedError> {
     if value.is_finite() && value > 0.0 {
         Ok(value)
@@ -202,6 +205,7 @@ fn positive(name: &'static str, value: f64) -> Result<f64, SeedError> {
     }
 }
 
+/// The number of corners of a polygon, if it is in range. A prism has at most eight times as many corners.
 fn corners(n: usize) -> Result<usize, SeedError> {
     if (3..=MAX_CORNERS / 8).contains(&n) {
         Ok(n)
@@ -214,7 +218,8 @@ fn corners(n: usize) -> Result<usize, SeedError> {
     }
 }
 
-/// Corners of a regular n-gon at height z; the first is on the x axis, rotated by the angle `turn`.
+/// Corners of a regular n-gon at height z with edges of this length; the first is on the x axis, rotated by the angle
+/// `turn` in radians.
 fn ring(n: usize, edge: f64, z: f64, turn: f64) -> Vec<Vec3> {
     let radius = edge / (2.0 * (PI / n as f64).sin());
     (0..n)
@@ -245,8 +250,8 @@ pub fn two_sided(points: Vec<Vec3>) -> Result<PolyMesh, SeedError> {
     Ok(PolyMesh::in_one_group(points, faces)?)
 }
 
-/// Two regular n-gons at the heights -z and z, the upper one turned by an angle, with the faces that `side` makes of the
-/// corners over each edge.
+/// Two regular n-gons at the heights -z and z, the upper one turned by `turn` radians, with the faces that `side` makes
+/// of the corners over each edge: lower start, lower end, upper end, upper start.
 fn between(
     n: usize,
     edge: f64,
@@ -284,6 +289,7 @@ pub fn prism(n: usize, edge: f64, height: f64) -> Result<PolyMesh, SeedError> {
 /// As [`prism`].
 pub fn antiprism(n: usize, edge: f64, height: Option<f64>) -> Result<PolyMesh, SeedError> {
     let (n, edge) = (corners(n)?, positive("edge", edge)?);
+    // Edges of length `edge` between both n-gons, which are turned by pi / n.
     let part = PI / n as f64;
     let uniform = edge * (1.0 - 0.25 / (part / 2.0).cos().powi(2)).sqrt();
     let z = positive("height", height.unwrap_or(uniform))? / 2.0;

@@ -15,7 +15,7 @@ use druse_geometry::mesh::{MeshSolid, TriMesh};
 use std::cell::RefCell;
 use std::collections::HashMap;
 
-/// The mesh and history that a selection is evaluated on.
+/// The mesh and history that a selection is evaluated on; nothing here changes them.
 pub(super) struct Scene<'a> {
     pub mesh: &'a PolyMesh,
     /// The first face of the last operation.
@@ -27,7 +27,8 @@ pub(super) struct Scene<'a> {
 }
 
 impl Scene<'_> {
-    /// Evaluates a condition for every face.
+    /// Evaluates a condition for every face: one flag per face. An error for an unknown name or a number instead of a
+    /// condition.
     pub fn choose(&self, condition: &Expression) -> Result<Vec<bool>, ExpressionError> {
         let cache = SearchCache::default();
         (0..self.mesh.face_count())
@@ -93,6 +94,8 @@ impl Scene<'_> {
         Some(Value::Truth(face == Some(f)))
     }
 
+    /// Whether a face is a top of the last extrusion; without one, whether its centre has the greatest z, up to 1e-9 of
+    /// the mesh's size.
     fn is_top(&self, f: usize, cache: &SearchCache) -> bool {
         if !self.tops.is_empty() {
             return self.tops.contains(&f);
@@ -116,7 +119,8 @@ struct SearchCache {
     highest: RefCell<Option<f64>>,
 }
 
-/// The nearest face to a point (three numbers), or the first on a ray (six).
+/// The nearest face to a point (three numbers), or the first on a ray from a point along a direction (six); `None`
+/// where the ray meets none or the mesh has no triangles.
 fn pick(mesh: &PolyMesh, arguments: &[f64]) -> Option<usize> {
     let cut = mesh.triangulated().ok()?;
     let vector = |k: usize| Vec3::new(arguments[k], arguments[k + 1], arguments[k + 2]);
@@ -129,7 +133,8 @@ fn pick(mesh: &PolyMesh, arguments: &[f64]) -> Option<usize> {
     Some(*cut.faces.get(triangle?)? as usize)
 }
 
-/// The first triangle that a ray meets.
+/// The first triangle that a ray from `origin` along `direction` (of any length) meets, from either side; `None` where
+/// it meets none. Triangles edge-on, up to 1e-14, are passed (Moeller and Trumbore 1997).
 pub(super) fn first_on_ray(mesh: &TriMesh, origin: Vec3, direction: Vec3) -> Option<usize> {
     let mut best: Option<(f64, usize)> = None;
     for (t, [a, b, c]) in mesh.iter_corners().enumerate() {

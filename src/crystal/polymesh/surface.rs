@@ -1,4 +1,4 @@
-//! Faces as the elements of a surface scaffold.
+//! Faces as the elements of a surface scaffold: triangles and quads only, without their groups.
 
 use super::PolyMesh;
 use druse_tilings::scaffold::{Connectivity, Kind, ScaffoldError, Surface};

@@ -28,7 +28,7 @@ impl Symmetry {
 
 impl PolyMesh {
     /// The mesh's point group: the identity first, then in the order of the images of its first corner,
-    /// rotations before mirrors. Points may be off by 1e-7 of the mesh's size.
+    /// rotations before mirrors. Points may be off by 1e-7 of half the diagonal of the mesh's box.
     ///
     /// A mesh with several components gives an empty list, without the identity.
     pub fn symmetries(&self) -> Vec<Symmetry> {
@@ -53,8 +53,9 @@ impl PolyMesh {
         found
     }
 
-    /// The mesh with a group for each orbit of faces, in order of their first faces, and start vertices that
-    /// are images of one another, by rotations where there are such. Also returns the order of the group.
+    /// The mesh with a group for each orbit of faces, from 1 in order of their first faces, and start vertices that
+    /// are images of one another, by rotations where there are such. Also returns the order of the symmetry group, at
+    /// least 1.
     pub fn symmetrized(&self, rotations_only: bool) -> (Self, usize) {
         self.symmetrized_by(rotations_only, |_| true)
     }
@@ -92,6 +93,7 @@ impl PolyMesh {
     }
 }
 
+/// The mesh with its connectivity, the mean of its vertices and the tolerance of positions.
 struct Finder<'a> {
     mesh: &'a PolyMesh,
     ring: Ring<'a>,
@@ -124,7 +126,8 @@ impl<'a> Finder<'a> {
             .map_or(0, |f| self.mesh.faces().span(f).start)
     }
 
-    /// Axes at a corner: along its edge, and in the face normal to it.
+    /// Axes at a corner: along its edge, and in the face normal to it; for `mirrored` along the edge before it, with
+    /// the second axis reversed. `None` at an edge without length or in a face without area.
     fn axes(&self, c: usize, mirrored: bool) -> Option<Mat3> {
         let edge = if mirrored {
             self.ring.prior(c)
@@ -138,7 +141,8 @@ impl<'a> Finder<'a> {
         Some(Mat3::from_columns(&[x, if mirrored { -y } else { y }, z]))
     }
 
-    /// The symmetry that carries corner `from` to corner `to`, if there is one.
+    /// The symmetry that carries corner `from` to corner `to`, if there is one; `mirrored` means one that reverses the
+    /// orientation.
     fn image(&self, from: usize, to: usize, mirrored: bool) -> Option<Symmetry> {
         let ring = &self.ring;
         let sides = |c: usize| self.mesh.face(ring.face[c] as usize).len();
@@ -147,6 +151,7 @@ impl<'a> Finder<'a> {
         }
         let matrix = self.axes(to, mirrored)? * self.axes(from, false)?.transpose();
         let mut image = vec![u32::MAX; ring.next.len()];
+        // Pairs of corners still to compare: from each pair those after it in the face and across its edge follow.
         let mut open = vec![(from, to)];
         // Under a reflection the edge of a corner runs to the corner before it.
         while let Some((c, d)) = open.pop() {

@@ -45,7 +45,8 @@ pub(super) struct TierPoints {
     pub directions: Vec<Vec3>,
 }
 
-/// Places the vertices of all tiers over a polygon.
+/// Places the vertices of all tiers over a polygon. `delta` is the dihedral angle in radians, `tiers` holds one ratio
+/// of the mean edge length per rule.
 ///
 /// # Errors
 /// The reason, where a direction is undefined.
@@ -80,12 +81,13 @@ struct TierBuilder<'a> {
 }
 
 impl TierBuilder<'_> {
-    /// The vertices of tier `k`, from 0 at the base.
+    /// The vertices of tier `k`, from 0 for the lowest.
     fn placed_tier(&self, k: usize) -> &[Vec3] {
         &self.tiers[k]
     }
 
-    /// Places one tier of the length `length`.
+    /// Places one tier of the length `length` (the ratio times the mean edge), and keeps its directions. Rules refer to
+    /// the tiers below, which the table of kinds lists before them. The error is a reason.
     fn tier(&mut self, rule: TierRule, length: f64) -> Result<Vec<Vec3>, String> {
         let (base, delta) = (self.base, self.delta);
         let n = base.len();
@@ -219,7 +221,7 @@ impl TierBuilder<'_> {
         Ok(points)
     }
 
-    /// Outward unit normals of the triangles (`b_i`, b_(i+1), `low_i`).
+    /// Outward unit normals of the triangles (`b_i`, b_(i+1), `low_i`); the error names a triangle without area.
     fn outward_normals(&self, low: &[Vec3]) -> Result<Vec<Vec3>, String> {
         let n = self.base.len();
         let p = &self.base.points;
@@ -244,13 +246,15 @@ impl TierBuilder<'_> {
     }
 }
 
+/// The direction over corner `i`, or the reason that there is none.
 fn defined(direction: Option<Vec3>, i: usize) -> Result<Vec3, String> {
     direction.ok_or_else(|| {
         format!("a tier has no direction over corner {i}: the faces of the tier below have no area there")
     })
 }
 
-/// Makes a tier planar: moves each vertex along its direction to the mean height over the base.
+/// Makes a tier planar: moves each vertex along its direction to the mean height over the base. Vertices whose
+/// direction is parallel to the base, up to 1e-9, stay.
 pub(super) fn level(base: &Polygon, top: &mut [Vec3], directions: &[Vec3]) {
     let centre = mean(&base.points);
     let height = |p: &Vec3| (p - centre).dot(&base.normal);

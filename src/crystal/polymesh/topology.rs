@@ -1,9 +1,14 @@
 //! Half-edge topology: twins of corners, the order round a vertex, and the checks of a manifold.
+//!
+//! A corner c stands for the half-edge from its vertex to the next vertex of its face; corners count through all faces.
+//! Its twin is the corner of the half-edge that runs the other way, in the face beyond the edge. After `twins` has
+//! checked a mesh every corner has one, and the corners of a vertex form a single ring.
 
 use super::{Faces, PolyError, PolyMesh};
 use druse_geometry::frame::{Vec3, is_in_range};
 
-/// Checks vertices, faces and groups, and computes the twin of each corner.
+/// Checks vertices, faces and groups, and computes the twin of each corner. The error is the first rule that is
+/// broken: sizes, groups, coordinates, loops, edges, vertices.
 pub(super) fn twins(
     vertices: &[Vec3],
     faces: &Faces,
@@ -33,6 +38,7 @@ pub(super) fn twins(
     Ok(twins)
 }
 
+/// Checks that all coordinates are finite and below the limit of coordinates (1e18).
 pub(super) fn finite(vertices: &[Vec3]) -> Result<(), PolyError> {
     for (vertex, v) in vertices.iter().enumerate() {
         if let Some(&value) = v.iter().find(|c| !is_in_range(**c)) {
@@ -89,7 +95,7 @@ fn ends(faces: &Faces) -> Vec<u32> {
     ends
 }
 
-/// Finds the opposite half-edge of each half-edge.
+/// Finds the opposite half-edge of each half-edge of faces over `count` vertices.
 fn pair(count: usize, faces: &Faces) -> Result<Vec<u32>, PolyError> {
     let starts = &faces.corners;
     let ends = ends(faces);
@@ -161,7 +167,7 @@ fn pair(count: usize, faces: &Faces) -> Result<Vec<u32>, PolyError> {
     })
 }
 
-/// Checks that every vertex is in use, by one fan of faces.
+/// Checks that every one of `count` vertices is in use, by one fan of faces; `twins` are those of all corners.
 fn fans(count: usize, faces: &Faces, twins: &[u32]) -> Result<(), PolyError> {
     // The corner before each corner in its face.
     let mut before = Vec::with_capacity(twins.len());
@@ -214,6 +220,7 @@ pub(crate) struct Ring<'a> {
     pub edges: Vec<u32>,
 }
 
+// Orders are those of the faces, so that results built from them are the same each time.
 impl<'a> Ring<'a> {
     /// The connectivity of all corners of a mesh.
     pub fn new(mesh: &'a PolyMesh) -> Self {

@@ -54,12 +54,13 @@ impl PolyMesh {
     }
 }
 
+/// The triangles of a face by its corners (numbers in its loop), or a fan about a new point.
 enum Cut {
     Into(Vec<[usize; 3]>),
     About(Vec3),
 }
 
-/// How a face with these corners is triangulated; the file head lists the cases.
+/// How a face with these corners is triangulated, without changing its orientation; the file head lists the cases.
 fn cut(points: &[Vec3]) -> Cut {
     let n = points.len();
     let fan = || (1..n - 1).map(|k| [0, k, k + 1]).collect();

@@ -1,4 +1,8 @@
 //! Effective properties of a grid of shares, with engineering constants and bounds.
+//!
+//! One call solves up to three problems: stiffness, conductivity, permeability. Where the shares have cubic symmetry
+//! one load case of each kind is enough. Moduli and conductivities are in the unit of the given ones, permeability in
+//! squared reference lengths. Nothing here samples a cell: the shares are given.
 
 use super::cg::Control;
 use super::conductivity::Conduction;
@@ -13,10 +17,10 @@ use super::tensor::{EngineeringConstants, Voigt, cubic_means, engineering, symme
 use super::{Bounds, HomogenizeError, check_shares};
 use druse_geometry::progress::Progress;
 
-/// Largest difference of equal shares in the test of symmetry.
+/// Largest difference of equal shares in the test of symmetry: it covers the rounding of samples.
 const SYMMETRY_TOLERANCE: f64 = 1e-5;
 
-/// Residual of the flow problem.
+/// Greatest residual of the flow problem; a smaller tolerance of the settings holds too.
 const FLOW_TOLERANCE: f64 = 1e-5;
 
 /// The materials, the properties to compute and the solver.
@@ -109,7 +113,7 @@ pub struct Properties {
     pub iterations: [usize; 3],
 }
 
-/// Solutions that later ones start from.
+/// Solutions that later ones start from; empty ones mean a start from zero. Flow is not among them.
 #[derive(Default)]
 pub struct InitialSolutions {
     /// Displacements of the load cases.
@@ -119,13 +123,15 @@ pub struct InitialSolutions {
 }
 
 /// Bytes for each voxel that [`properties`] takes at most; `keeps` where solutions are kept.
+/// Permeability and stiffness are solved one after the other, so that the greater need counts.
+
 pub fn bytes_per_voxel(settings: &Settings, keeps: bool) -> u64 {
     let flow = if settings.permeability {
         Stokes::BYTES_PER_VOXEL
     } else {
         0
     };
-    // Shares, and the marks of the search for components.
+    // Shares, and the marks of the search for components, which runs before any solver.
     let walk = 8 + 8;
     Elasticity::bytes_per_voxel(keeps).max(flow + 8).max(walk)
 }
@@ -144,7 +150,7 @@ pub fn properties(
 }
 
 /// Effective properties of a grid of shares; the solver begins at the solutions `start` of a similar medium, which are
-/// replaced by the new ones.
+/// replaced by the new ones. On an error those of the failed problem are lost, and later calls begin with zero.
 ///
 /// # Errors
 /// As [`properties`].
@@ -193,6 +199,7 @@ pub fn properties_from(
         load_cases: 0,
         iterations: [0; 3],
     };
+    // Voxels of at least half solid count as solid for connectivity and flow.
     // A medium with the symmetry of the cube needs one load of each kind: stretch along x, shear in yz.
     let is_cubic = !settings.all_loads && is_cubic(grid, shares);
     if settings.stiffness {
@@ -203,6 +210,7 @@ pub fn properties_from(
             &[0, 1, 2, 3, 4, 5]
         };
         progress.stage("stiffness", Some(loads.len() as u64));
+        // Load cases that symmetry leaves out keep their given solutions.
         let first_guess = start.as_mut().map(|s| std::mem::take(&mut s.displacements));
         let solved = medium.solve(loads, first_guess, settings.control, progress)?;
         let mut c = solved.matrix;
@@ -214,6 +222,7 @@ pub fn properties_from(
         found.load_cases = loads.len();
         found.iterations[0] = solved.iterations.into_iter().max().unwrap_or(0);
         found.stiffness = Some(c);
+        // A singular stiffness has no constants; that is no error.
         found.engineering = engineering(&c);
         if let Some(start) = &mut start {
             start.displacements = solved.displacements;
@@ -255,7 +264,8 @@ pub fn properties_from(
     Ok(found)
 }
 
-/// In-plane stiffness of a thin sheet.
+/// In-plane stiffness of a thin sheet, 11 22 12: plane strain of the material whose law in the plane is that of plane
+/// stress.
 fn plane_stress(
     grid: Grid,
     shares: &[f64],
@@ -267,6 +277,7 @@ fn plane_stress(
     let mut medium = Elasticity::new(grid, shares, solid, void, settings.scheme)?;
     progress.stage("plane stress", Some(3));
     let solved = medium.solve(&[0, 1, 5], None, settings.control, progress)?;
+    // Load cases 11, 22 and 12.
     Ok(in_plane(&symmetrised(&solved.matrix)))
 }
 
@@ -276,7 +287,7 @@ fn in_plane(c: &Voigt) -> [[f64; 3]; 3] {
     std::array::from_fn(|i| std::array::from_fn(|j| c[of[i]][of[j]]))
 }
 
-/// The matrix of cubic symmetry from its columns 11 and 23.
+/// The matrix of cubic symmetry from its columns 11 and 23; the two entries of C12 are averaged.
 fn cubic(c: &Voigt) -> Voigt {
     let [c11, c44] = [c[0][0], c[3][3]];
     let c12 = f64::midpoint(c[1][0], c[2][0]);
@@ -290,7 +301,7 @@ fn cubic(c: &Voigt) -> Voigt {
     })
 }
 
-/// A symmetric tensor; of cubic symmetry from its first column.
+/// A symmetric tensor as the mean of both halves; of cubic symmetry from its first column.
 fn second_order(k: [[f64; 3]; 3], is_cubic: bool) -> [[f64; 3]; 3] {
     std::array::from_fn(|i| {
         std::array::from_fn(|j| match (is_cubic, i == j) {
@@ -302,7 +313,7 @@ fn second_order(k: [[f64; 3]; 3], is_cubic: bool) -> [[f64; 3]; 3] {
 }
 
 /// Whether shares are the same under the rotations of a tetrahedron about the axes of the cube, which give
-/// stiffness its cubic form and make conductivity isotropic.
+/// stiffness its cubic form and make conductivity isotropic. Only grids of equal counts and edges can be.
 fn is_cubic(grid: Grid, shares: &[f64]) -> bool {
     let [n, ny, nz] = grid.counts();
     if n != ny || n != nz || grid.size().iter().any(|s| *s != grid.size()[0]) {
@@ -312,6 +323,7 @@ fn is_cubic(grid: Grid, shares: &[f64]) -> bool {
     let same = |a: f64, b: f64| (a - b).abs() <= SYMMETRY_TOLERANCE;
     (0..n).all(|i| {
         (0..n).all(|j| {
+            // The rotation about (1, 1, 1) by a third turn and that about z by half a turn generate the group.
             (0..n).all(|k| {
                 let own = at(i, j, k);
                 same(own, at(j, k, i)) && same(own, at(n - 1 - i, n - 1 - j, k))
@@ -320,7 +332,8 @@ fn is_cubic(grid: Grid, shares: &[f64]) -> bool {
     })
 }
 
-/// Bulk modulus, shear modulus and conductivity over their upper bounds.
+/// Bulk modulus, shear modulus and conductivity over their upper bounds; `None` for a property that is not known or
+/// whose bound is 0.
 fn over_bounds(found: &Properties, planar: bool) -> BoundDistances {
     let over = |value: f64, bounds: [f64; 2]| (bounds[1] > 0.0).then(|| value / bounds[1]);
     let mut all = BoundDistances {

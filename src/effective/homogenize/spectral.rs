@@ -5,7 +5,7 @@
 //! no other writes: layers across x (transforms along z and y), layers across z (transform along x, the
 //! product, and back), layers across x again. So the result does not depend on the number of threads.
 //!
-//! A field of S components lies layer by layer across x, of each its components over y and z.
+//! A field of S components lies layer by layer across x, and each layer holds its components over y and z.
 //! Of the `nz` frequencies along z of a real field only `nz / 2 + 1` are independent; the others are
 //! conjugates. After the first pass the layout is x, component, z, y; after the second z, component, x, y. A
 //! unit test bounds the error of single precision by 1e-5.
@@ -34,7 +34,7 @@ pub(super) struct Spectral<const C: usize> {
 /// Edge of the square parts that are transposed in registers.
 const TILE: usize = 8;
 
-/// Transposes a matrix: `from` has rows of `width` numbers.
+/// Transposes a matrix: `from` has rows of `width` numbers, `to` gets rows of as many numbers as `from` has rows.
 fn transpose(from: &[Complex32], width: usize, to: &mut [Complex32]) {
     let height = from.len() / width;
     let (whole_height, whole_width) = (height / TILE * TILE, width / TILE * TILE);
@@ -82,8 +82,9 @@ impl<const C: usize> Spectral<C> {
     /// Bytes of its buffers for each voxel of a grid with many voxels.
     pub const BYTES_PER_VOXEL: u64 = 8 * C as u64;
 
-    /// Applies `symbol`, which multiplies the amplitudes at one frequency by a matrix, to the first `C` of
-    /// the `S` components of `input`, and writes those of `output`. The other components stay.
+    /// Applies `symbol`, which multiplies the amplitudes at one frequency (its indices along x, y, z) by a matrix, to
+    /// the first `C` of the `S` components of `input`, and writes those of `output`. The other components of `output`
+    /// stay.
     pub fn apply<const S: usize>(
         &mut self,
         input: &[f64],
@@ -120,6 +121,7 @@ impl<const C: usize> Spectral<C> {
                             for (v, w) in row.iter_mut().zip(values) {
                                 *v = *w as f32;
                             }
+                            // Lengths are those of the plan, so that it cannot fail.
                             let _ = real.process_with_scratch(row, out, scratch_z);
                         }
                         let to = &mut to[c * half * ny..(c + 1) * half * ny];

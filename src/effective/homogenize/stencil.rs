@@ -51,7 +51,9 @@ impl Rows {
     }
 }
 
-/// The gradient of one component on a row of voxels, from the four rows of corners around it.
+/// The gradient of one component on a row of voxels, from the four rows of corners around it: (y, x) low low, high
+/// low, low high, high high. `scale` is a quarter of the inverse spacing, `out` gets the rows d/dx, d/dy, d/dz, and
+/// `sums` is scratch space.
 #[inline(always)]
 fn gradient<T: Copy + Into<f64>>(
     corners: [&[T]; 4],
@@ -73,6 +75,7 @@ fn gradient<T: Copy + Into<f64>>(
         sz[k] = high + low;
         sy[k] = (b + d) - (a + c);
     }
+    // Rows are periodic along z.
     (sx[nz], sy[nz], sz[nz]) = (sx[0], sy[0], sz[0]);
     let (gx, rest) = out.split_at_mut(nz);
     let (gy, gz) = rest.split_at_mut(nz);
@@ -86,8 +89,8 @@ fn gradient<T: Copy + Into<f64>>(
     }
 }
 
-/// The contributions of the fluxes of one component on a row of voxels to the corners, as sums over z: those
-/// of the fluxes along x, y, z.
+/// The contributions of the fluxes of one component on a row of voxels to the corners, as sums over z in `sums`: those
+/// of the fluxes along x, y, z. `fluxes` holds these three rows, `scale` is that of [`gradient`].
 #[inline(always)]
 fn flux_sums(fluxes: &[f64], scale: [f64; 3], sums: &mut [Vec<f64>; 3]) {
     let nz = fluxes.len() / 3;
@@ -107,7 +110,7 @@ fn flux_sums(fluxes: &[f64], scale: [f64; 3], sums: &mut [Vec<f64>; 3]) {
     }
 }
 
-/// Adds signs times the sums to a row of corners.
+/// Adds `signs` (along x and y) times the sums to a row of corners.
 #[inline(always)]
 fn add_to_corners(sums: &[Vec<f64>; 3], signs: [f64; 2], out: &mut [f64]) {
     let nz = out.len();
@@ -128,7 +131,8 @@ impl Stencil {
         self.grid.spacing().map(|h| 0.25 / h)
     }
 
-    /// The transpose of the gradient, applied to `flux` of the gradient of `input`.
+    /// The transpose of the gradient, applied to `flux` of the gradient of `input`, into `output`. Fields have C
+    /// components and lie layer by layer across x, and each layer holds its components over y and z.
     pub fn transform<const C: usize, T: Copy + Into<f64> + Sync>(
         &self,
         input: &[T],
@@ -189,7 +193,8 @@ impl Stencil {
             );
     }
 
-    /// Gradients and fluxes of the row (i, j) of voxels, left in `rows`.
+    /// Gradients and fluxes of the row of voxels with the indices `i` along x and `j` along y, left in `rows.values`:
+    /// row 3 c + a belongs to component c and axis a.
     #[inline(always)]
     fn row<const C: usize, T: Copy + Into<f64>>(
         &self,
@@ -212,7 +217,8 @@ impl Stencil {
         flux.map((i * ny + j) * nz, &mut rows.values);
     }
 
-    /// Sums of `part` of the gradients over all voxels, row by row in a fixed order.
+    /// Sums of `part` of the gradients over all voxels, row by row in a fixed order. `part` gets the first voxel of a
+    /// row and its gradients.
     pub fn sum<const C: usize, const M: usize, T: Copy + Into<f64> + Sync>(
         &self,
         input: &[T],
@@ -286,7 +292,7 @@ impl Frequencies {
         }
     }
 
-    /// Those of trigonometric polynomials.
+    /// Those of trigonometric polynomials: 2 pi k / L with k from -N / 2 to N / 2, and no means over the other axes.
     pub fn trigonometric(grid: Grid) -> Self {
         let (counts, size) = (grid.counts(), grid.size());
         Self {
@@ -306,7 +312,7 @@ impl Frequencies {
         }
     }
 
-    /// The frequency at an index.
+    /// The frequency q at an index (i, j, k): the derivative along axis a multiplies by i q_a, up to a common phase.
     #[inline]
     pub fn at(&self, [i, j, k]: [usize; 3]) -> [f64; 3] {
         let [x, y, z] = [self.others[0][i], self.others[1][j], self.others[2][k]];
@@ -318,8 +324,9 @@ impl Frequencies {
     }
 }
 
-/// Applies the inverse of an isotropic operator in Fourier space: `second` and `first` are the moduli of
-/// waves along and across their direction, the same for a scalar.
+/// Applies the inverse of an isotropic operator in Fourier space, into `output`. `across` is the modulus of waves
+/// across their direction (mu), `along` that of waves along it (lambda + 2 mu); for a scalar both are its
+/// coefficient. With the frequency q it is (v - (1 - across / along) q (q . v) / |q|^2) / (across |q|^2).
 pub(super) fn green<const C: usize>(
     spectral: &mut Spectral<C>,
     frequencies: &Frequencies,
@@ -330,6 +337,7 @@ pub(super) fn green<const C: usize>(
     spectral.apply::<C>(input, output, |index, v| {
         let q = frequencies.at(index);
         let square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2];
+        // Zero up to rounding: the mean, and frequencies at Nyquist along two axes.
         if square < 1e-20 {
             // Compatible fields have no component at this frequency.
             v.fill(rustfft::num_complex::Complex32::new(0.0, 0.0));

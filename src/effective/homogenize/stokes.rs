@@ -8,8 +8,9 @@
 //! MINRES (Paige and Saunders 1975; Elman, Silvester and Wathen): the inverse Laplacian of the period for
 //! velocities, the identity for pressures.
 //!
-//! A field lies layer by layer across x, of each layer the velocities along x, y, z and the pressure, over y and
-//! z. The error is of second order in the voxel along flat walls (`a_slit_has_the_permeability_of_poiseuille`) and
+//! A field lies layer by layer across x, and each layer holds the velocities along x, y, z and the pressure, over y
+//! and z. The error is of second order in the voxel along flat walls
+//! (`a_slit_has_the_permeability_of_poiseuille`) and
 //! below 2 % at 96 voxels for cylinders, whose walls are cut into steps
 //! (`a_square_array_of_cylinders_has_the_permeability_of_its_series`).
 
@@ -44,10 +45,10 @@ pub struct Stokes {
     shift: f64,
 }
 
-/// The results of three directions of flow.
+/// The results of the directions of flow that were solved.
 #[derive(Clone, Debug)]
 pub struct Permeability {
-    /// The permeability, reference length squared.
+    /// The permeability, reference length squared; columns of other directions are 0.
     pub matrix: [[f64; 3]; 3],
     /// Iterations of each direction.
     pub iterations: [usize; 3],
@@ -123,8 +124,8 @@ impl Stokes {
         })
     }
 
-    /// The flow through all voxels against a drag in each (Brinkman's equation): a solid without sharp walls,
-    /// whose permeability has derivatives.
+    /// The flow through all voxels against a drag in each (Brinkman's equation, drag per reference length squared): a
+    /// solid without sharp walls, whose permeability has derivatives.
     ///
     /// # Errors
     /// [`HomogenizeError::NoWalls`] where nothing drags, [`HomogenizeError::Grid`] for another number of
@@ -141,6 +142,7 @@ impl Stokes {
         if greatest <= 0.0 {
             return Err(HomogenizeError::NoWalls);
         }
+        // `new` refuses a medium without walls: voxel 0 is a wall for the moment, and all marks are replaced.
         let mut flow = Self::new(grid, |n| n > 0)?;
         flow.flags.fill(15);
         flow.ghosts.fill(0);
@@ -150,8 +152,8 @@ impl Stokes {
         Ok(flow)
     }
 
-    /// The flow along an axis: its mean velocity, and the derivative of the component along the axis by the
-    /// drag in each voxel, times the number of voxels.
+    /// The flow under a unit force along an axis: its mean velocity, and the derivative of the component along the axis
+    /// by the drag in each voxel, times the number of voxels. For flows of [`Stokes::with_drag`].
     ///
     /// # Errors
     /// [`HomogenizeError::Cancelled`] and [`HomogenizeError::NotConverged`].
@@ -187,8 +189,8 @@ impl Stokes {
     pub const BYTES_PER_VOXEL: u64 =
         6 * 8 * FIELD_COUNT as u64 + Spectral::<3>::BYTES_PER_VOXEL + 3;
 
-    /// The operator: minus the Laplacian and the gradient of the pressure; minus the divergence. Velocities
-    /// outside the fluid are 0 in `x`.
+    /// The operator y = A x: minus the Laplacian and the gradient of the pressure; minus the divergence. Velocities
+    /// outside the fluid are 0 in `x`. The mark `flags[k] >> c & 1` is 1 where the lower face across axis c is free.
     fn apply(&self, x: &[f64], y: &mut [f64]) {
         let [nx, ny, nz] = self.grid.counts();
         let spacing = self.grid.spacing();
@@ -265,7 +267,8 @@ impl Stokes {
             });
     }
 
-    /// The inverse Laplacian of the period on velocities of the fluid, the identity on pressures.
+    /// z = M r: the inverse Laplacian of the period on velocities of the fluid, the identity on pressures. The buffers
+    /// of the transforms change.
     fn precondition(&mut self, r: &[f64], z: &mut [f64]) {
         let (squares, least, shift) = (&self.squares, self.least, self.shift);
         self.spectral.apply::<FIELD_COUNT>(r, z, |[i, j, k], v| {
@@ -306,7 +309,7 @@ impl Stokes {
         std::array::from_fn(|c| layers.iter().map(|l| l[c]).sum::<f64>() / count)
     }
 
-    /// Solves for the flow along all axes.
+    /// Solves for the flow along the `axes` (0 to 2), each from zero.
     ///
     /// # Errors
     /// [`HomogenizeError::Cancelled`] and [`HomogenizeError::NotConverged`].
@@ -331,7 +334,8 @@ impl Stokes {
         Ok(found)
     }
 
-    /// Preconditioned MINRES for a unit force along an axis: the mean velocity, and in `kept` the solution.
+    /// Preconditioned MINRES for a unit force along an axis: the mean velocity and the number of iterations. The
+    /// solution is added to `kept`, which holds zeros, four components per voxel.
     fn minres(
         &mut self,
         axis: usize,
@@ -417,6 +421,7 @@ impl Stokes {
                 });
             }
         }
+        // Reached only where no iteration is allowed.
         Ok((mean, control.max_iterations))
     }
 }
@@ -430,7 +435,8 @@ const fn others(axis: usize) -> [usize; 2] {
     }
 }
 
-/// Number of neighbours of each velocity inside a wall, along the two axes normal to it.
+/// Number of neighbours of each velocity inside a wall, along the two axes normal to it: two bits for each axis, four
+/// for each velocity.
 fn ghosts(grid: Grid, flags: &[u8]) -> Vec<u16> {
     let counts = grid.counts();
     let strides = [counts[1] * counts[2], counts[2], 1];

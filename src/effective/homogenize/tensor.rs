@@ -1,4 +1,7 @@
 //! Stiffness matrices in Voigt notation (11 22 33 23 13 12, engineering shear) and engineering constants.
+//!
+//! All functions are pure and keep the unit of the moduli. Engineering shear is twice the tensor's strain, so that the
+//! energy is half the product of the six stresses and strains.
 
 use druse_geometry::frame::Vec3;
 use nalgebra::{Matrix3, Matrix6};
@@ -28,7 +31,7 @@ pub const fn symmetric_index(component: usize) -> (usize, usize) {
     [(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)][component]
 }
 
-/// The mean of a matrix and its transpose.
+/// The mean of a matrix and its transpose: it removes the difference that a solver's residual leaves.
 pub fn symmetrised(c: &Voigt) -> Voigt {
     std::array::from_fn(|i| std::array::from_fn(|j| f64::midpoint(c[i][j], c[j][i])))
 }
@@ -116,7 +119,7 @@ pub fn engineering(c: &Voigt) -> Option<EngineeringConstants> {
     })
 }
 
-/// Young's modulus along a direction, from the compliance: 1 / E(n) is n n : S : n n.
+/// Young's modulus along a direction of any length but 0, from the compliance: 1 / E(n) is n n : S : n n.
 pub fn directional_modulus(compliance: &Voigt, direction: Vec3) -> f64 {
     let n = direction.normalize();
     let v = [
@@ -133,7 +136,7 @@ pub fn directional_modulus(compliance: &Voigt, direction: Vec3) -> f64 {
     1.0 / inverse
 }
 
-/// The stiffness of the material after a rotation by an orthogonal matrix.
+/// The stiffness of the material after a rotation by an orthogonal matrix, which maps old directions to new ones.
 pub fn rotated(c: &Voigt, turn: &Matrix3<f64>) -> Voigt {
     // Strains of the turned frame in the old one: Bond's matrix, column by column.
     let strain = |component: usize| -> [f64; 6] {

@@ -1,4 +1,7 @@
 //! The arguments of a step: words in order, and `key=value`.
+//!
+//! A step takes its arguments from [`Arguments`] one by one, in any order of keys. What no step has taken is an error
+//! at the end. Lines and columns count from 1, columns in characters.
 
 use super::super::expression::{ExpressionError, Value};
 use super::super::select::Scene;
@@ -38,7 +41,8 @@ impl Statement {
     }
 }
 
-/// The value of an expression, which may name parameters.
+/// The value of an expression, which may name parameters; an error where it is not finite. `line` and `column` are
+/// the place of the expression.
 pub(super) fn number(
     expression: &Expression,
     interpreter: &Interpreter,
@@ -92,7 +96,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
         self.statement.fault(0, message)
     }
 
-    /// The next word without a key.
+    /// The next word without a key; `None` if all are taken.
     pub fn positional(&mut self) -> Option<&'s Word> {
         let n = (0..self.used.len())
             .find(|&n| !self.used[n] && split(&self.statement.words[n].text).is_none())?;
@@ -106,7 +110,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
             .ok_or_else(|| self.fault(format!("expected {what}")))
     }
 
-    /// The value of a key, as a word.
+    /// The value of a key, as a word; `None` if the key is missing. A key that is given twice is an error.
     pub fn value(&mut self, key: &'static str) -> Result<Option<Word>, ScriptError> {
         self.requested.push(key);
         let mut found = None;
@@ -150,7 +154,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
         Ok(planes)
     }
 
-    /// Three whole numbers in square brackets.
+    /// Three whole numbers in square brackets, the indices of a plane, each at most 1000 in absolute value.
     pub fn indices(&self, word: &Word) -> Result<[i32; 3], ScriptError> {
         let list = self.list_of(word)?;
         let whole = |x: &f64| (x.fract() == 0.0 && x.abs() <= 1000.0).then_some(*x as i32);
@@ -163,6 +167,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
             })
     }
 
+    /// An error at a word.
     fn at(&self, word: &Word, message: impl Into<String>) -> ScriptError {
         let message = message.into();
         ScriptError {
@@ -173,7 +178,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
         }
     }
 
-    /// A word as a number.
+    /// A word as a number: an expression, which may name parameters.
     pub fn evaluate(&self, word: &Word) -> Result<f64, ScriptError> {
         let fault = |e: ExpressionError| ScriptError {
             column: word.column + e.at,
@@ -194,7 +199,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
         }
     }
 
-    /// The whole number of a key, from 0.
+    /// The whole number of a key, from 0 to 1e9; `None` if the key is missing.
     pub fn count(&mut self, key: &'static str) -> Result<Option<usize>, ScriptError> {
         let Some(word) = self.value(key)? else {
             return Ok(None);
@@ -212,7 +217,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
         Err(self.at(word, message))
     }
 
-    /// A logical value of a key.
+    /// A logical value of a key; false if the key is missing.
     pub fn flag(&mut self, key: &'static str) -> Result<bool, ScriptError> {
         match self.value(key)? {
             None => Ok(false),
@@ -262,6 +267,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
             .collect()
     }
 
+    /// A list of three numbers in brackets as a vector.
     pub fn vector_of(&self, word: &Word) -> Result<Vec3, ScriptError> {
         match self.list_of(word)?[..] {
             [x, y, z] => Ok(Vec3::new(x, y, z)),
@@ -272,7 +278,8 @@ impl<'s, 'w> Arguments<'s, 'w> {
         }
     }
 
-    /// The faces that the statement names: `group=N`, `faces(...)`, `all`, `top`, `last`, `near(...)`, `ray(...)`.
+    /// One flag per face of the current mesh: those that the statement selects by `group=N`, `faces(...)`, `all`,
+    /// `top`, `last`, `near(...)`, `ray(...)`. A selection without faces is an error.
     pub fn faces(&mut self) -> Result<Vec<bool>, ScriptError> {
         let model = self.interpreter.model();
         let Some(mesh) = &model.mesh else {
@@ -328,7 +335,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
         })
     }
 
-    /// Refuses unused arguments.
+    /// Refuses unused arguments; the hint names a similar key that the step has.
     pub fn finish(&self) -> Result<(), ScriptError> {
         let Some(n) = self.used.iter().position(|u| !u) else {
             return Ok(());
@@ -355,7 +362,8 @@ impl<'s, 'w> Arguments<'s, 'w> {
     }
 }
 
-/// A word as key and value; an `=` of a comparison or within brackets does not separate them.
+/// A word as key and value; an `=` of a comparison or within brackets does not separate them, and `None` is a word
+/// without a key.
 fn split(word: &str) -> Option<(&str, &str)> {
     let mut depth = 0;
     let bytes = word.as_bytes();

@@ -12,7 +12,7 @@ use crate::polymesh::{Extrusion, MAX_CORNERS, Parts, Remesh, extrusion_named};
 pub(super) const MIN_CORNERS: u64 = 1 << 18;
 
 /// Refuses items of a script, in `rounds` rounds, after which the mesh would have too many corners, if it has
-/// `min_corners` now.
+/// `min_corners` now; smaller meshes are not checked. Nothing is run, and steps after the line `until` do not count.
 pub(super) fn require_bounded(
     list: &[Item],
     rounds: usize,
@@ -43,7 +43,8 @@ struct Count<'a, 'w> {
 }
 
 impl Count<'_, '_> {
-    /// Counts rounds of a list; returns whether the steps after them can be counted.
+    /// Counts rounds of a list; returns whether the steps after them can be counted. Errors state that the mesh would
+    /// be too large.
     fn rounds(&mut self, list: &[Item], rounds: usize) -> Result<bool, ScriptError> {
         for round in 1..=rounds {
             let before = self.corners;
@@ -113,7 +114,8 @@ impl Count<'_, '_> {
     }
 }
 
-/// The number of new corners for each old one, at least; `None` for steps that cannot be counted.
+/// The number of new corners for each old one, at least; `None` for steps that cannot be counted: those that make
+/// another mesh, and faulty ones, which fail later with their own message.
 fn factor(statement: &Statement) -> Option<u64> {
     let all = statement.words.iter().any(|w| w.text == "all");
     match statement.verb.as_str() {

@@ -1,4 +1,6 @@
-//! The parser of scripts.
+//! The parser of scripts: a single pass over the text, without a mesh.
+//!
+//! It checks brackets, keywords and the names of steps. Arguments stay words; the steps read them when they run.
 
 use super::argument::{Statement, Word};
 use super::{Expression, Item, Script, ScriptError, VERBS, is_verb, nearest, seed};
@@ -6,6 +8,7 @@ use super::{Expression, Item, Script, ScriptError, VERBS, is_verb, nearest, seed
 /// Maximum nesting depth of loops.
 const MAX_DEPTH: usize = 20;
 
+/// Parses a whole script.
 pub(super) fn script(text: &str) -> Result<Script, ScriptError> {
     let mut reader = Reader {
         text,
@@ -69,7 +72,7 @@ impl Reader<'_> {
         }
     }
 
-    /// Items up to the end, or to the "}" of a block opened at `opened`.
+    /// Items up to the end, or to the "}" of a block opened at `opened`; `depth` is the number of blocks around it.
     fn items(&mut self, depth: usize, opened: Option<Position>) -> Result<Vec<Item>, ScriptError> {
         let mut items = Vec::new();
         loop {
@@ -175,7 +178,8 @@ impl Reader<'_> {
         }
     }
 
-    /// The solid whose name begins with the word just read; a name may have several words.
+    /// The solid whose name begins with the word just read; the longest name wins, and the reader goes behind it.
+    /// `None` leaves the reader where it is.
     fn solid(&mut self, first: &str) -> Option<&'static str> {
         let mut name = first.to_owned();
         let mut found = seed::canonical(&name).map(|n| (n, self.at));
@@ -198,7 +202,7 @@ impl Reader<'_> {
         Some(solid)
     }
 
-    /// The word just read, with the words after it that may belong to a name.
+    /// The word just read, with up to three words after it that may belong to a name; for messages.
     fn full_name(&self, first: &str) -> String {
         let rest = &self.text[self.at..];
         let line = rest.split(['\n', ';', '#', '{', '}']).next().unwrap_or("");
@@ -211,7 +215,7 @@ impl Reader<'_> {
         words.join(" ")
     }
 
-    /// The next word: up to a blank outside brackets and quotes.
+    /// The next word: up to a blank outside brackets and quotes. Brackets have to close within the line.
     fn word(&mut self) -> Result<Word, ScriptError> {
         let place = self.place();
         let start = self.at;
@@ -262,7 +266,7 @@ impl Reader<'_> {
         })
     }
 
-    /// Text up to one of the characters `ends`, or to a comment.
+    /// Text up to one of the characters `ends`, or to a comment; an error where there is none.
     fn raw(&mut self, ends: &[char]) -> Result<Word, ScriptError> {
         while self.peek().is_some_and(|c| c == ' ' || c == '\t') {
             self.bump();
@@ -300,7 +304,7 @@ fn unknown(place: Position, word: &str, name: &str) -> ScriptError {
     error
 }
 
-/// An expression at a place.
+/// An expression whose text begins at a place.
 fn parsed(text: &str, line: usize, column: usize) -> Result<Expression, ScriptError> {
     Expression::parse(text).map_err(|e| ScriptError {
         line,

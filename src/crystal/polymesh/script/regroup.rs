@@ -1,4 +1,14 @@
 //! Steps that change groups and start vertices and keep the geometry.
+//!
+//! ```text
+//! assign FACES ID|new                                      the faces get this group, or the one after the greatest
+//! merge ID ID ...                                          all these groups become the first
+//! renumber                                                 the groups become 1, 2, ... in their order
+//! startvertex FACES toward=[x, y, z] | at=VERTEX | lowest  the loop of each face begins there
+//! symmetrize [GROUP] rotations=false                       a group for each orbit of faces
+//! ```
+//! A function takes its arguments from `a` and returns the new model; the model of `interpreter` stays. Errors are at
+//! the argument or step at fault.
 
 use super::argument::{Arguments, Word};
 use super::step::{Outcome, StepResult, mesh_of};
@@ -7,9 +17,10 @@ use crate::polymesh::PolyMesh;
 use crate::polymesh::form::cartesian_group;
 use druse_geometry::frame::Mat3;
 
-/// Largest difference of the entries of equal matrices.
+/// Largest difference of the entries of equal matrices: symmetries of a mesh are exact to about 1e-7 of its size.
 const MATRIX_TOLERANCE: f64 = 1e-6;
 
+/// A word as a group number, from 1.
 fn group_number(a: &Arguments, word: &Word) -> Result<u32, ScriptError> {
     let value = a.evaluate(word)?;
     match a.whole(word, value)? {
@@ -18,6 +29,7 @@ fn group_number(a: &Arguments, word: &Word) -> Result<u32, ScriptError> {
     }
 }
 
+/// The step `assign`: the chosen faces get a group. `new` is the one after the greatest in use.
 pub(super) fn assign(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let mesh = mesh_of(a, interpreter)?;
     let chosen = a.faces()?;
@@ -58,10 +70,12 @@ pub(super) fn merge(a: &mut Arguments, interpreter: &Interpreter) -> StepResult 
     ))
 }
 
+/// The step `renumber`: the groups in use become 1, 2, ... in the order of their numbers.
 pub(super) fn renumber(a: &Arguments, interpreter: &Interpreter) -> StepResult {
     let mesh = mesh_of(a, interpreter)?;
     let counts = mesh.group_counts();
     let order: Vec<u32> = counts.into_keys().collect();
+    // Every group is in the list, so that `map_or` does not use 1.
     let place = |g: &u32| order.binary_search(g).map_or(1, |n| n as u32 + 1);
     let groups = mesh.groups().iter().map(place).collect();
     Ok(Outcome::changed(
@@ -70,7 +84,8 @@ pub(super) fn renumber(a: &Arguments, interpreter: &Interpreter) -> StepResult {
     ))
 }
 
-/// The step `startvertex`: rotates the corner lists of faces, so that each begins at the chosen corner.
+/// The step `startvertex`: rotates the corner lists of the chosen faces, so that each begins at the corner nearest to
+/// a point, at a vertex (its number, from 0), or at its lowest vertex number.
 pub(super) fn start_vertex(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let mesh = mesh_of(a, interpreter)?;
     let chosen = a.faces()?;
@@ -110,6 +125,7 @@ pub(super) fn start_vertex(a: &mut Arguments, interpreter: &Interpreter) -> Step
             places.min_by_key(|&k| face[k])
         };
         shift[f] = start
+            // Only a vertex that the face does not have gives no start: the other two rules find one in any face.
             .ok_or_else(|| a.fault(format!("face {f} has no vertex {}", at.unwrap_or_default())))?;
     }
     Ok(Outcome::changed(
@@ -118,7 +134,8 @@ pub(super) fn start_vertex(a: &mut Arguments, interpreter: &Interpreter) -> Step
     ))
 }
 
-/// The step `symmetrize`: groups of faces from the orbits of the mesh's symmetries.
+/// The step `symmetrize`: groups of faces from the orbits of the mesh's symmetries, or of those in a point group by
+/// symbol; with `rotations` mirrors are left out. A note states the order of the group and the number of orbits.
 pub(super) fn symmetrize(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let rotations = a.flag("rotations")?;
     let group = a.positional();
@@ -140,8 +157,8 @@ pub(super) fn symmetrize(a: &mut Arguments, interpreter: &Interpreter) -> StepRe
     Ok(outcome)
 }
 
-/// A mesh symmetrized by the subgroup `name` of its symmetries, and the order of that group.
-/// A mesh symmetrized by a subgroup of its symmetries.
+/// A mesh symmetrized by the subgroup of its symmetries with the symbol `name`, and the order of that group. The error
+/// is an unknown symbol, or a group that the mesh does not have along the axes x, y, z.
 fn symmetrized_by(
     a: &Arguments,
     mesh: &PolyMesh,

@@ -1,4 +1,8 @@
 //! The steps of a script, applied to the model.
+//!
+//! Each step is a function of its arguments, and of the interpreter where it changes a mesh. It returns the new model
+//! with notes; only `run_step` changes the interpreter. A new step is a function here, an arm of `run_step` and a line
+//! of the table of verbs.
 
 use super::argument::{Arguments, Statement, Word};
 use super::{GroupBy, Interpreter, LoadOptions, ScriptError, nearest, regroup};
@@ -12,6 +16,7 @@ use druse_geometry::frame::Vec3;
 use std::path::Path;
 use std::sync::Arc;
 
+/// The new model, or an error at the step.
 pub(super) type StepResult = Result<Outcome, ScriptError>;
 
 /// The result of a step.
@@ -90,6 +95,7 @@ pub(super) fn mesh_of<'w>(
     interpreter.mesh().ok_or_else(|| a.fault(message))
 }
 
+/// A solid by its canonical name.
 fn solid(a: &mut Arguments, name: &str) -> StepResult {
     let edge = a.number("edge")?.unwrap_or(1.0);
     if !(edge.is_finite() && edge > 0.0) {
@@ -122,7 +128,7 @@ fn ngon(a: &mut Arguments) -> StepResult {
     made.map(Outcome::mesh).map_err(|e| a.fault(e.to_string()))
 }
 
-/// A list of counts.
+/// A list of N counts in the key `counts`; `default` if it is missing.
 fn counts<const N: usize>(
     a: &mut Arguments,
     default: [usize; N],
@@ -136,6 +142,7 @@ fn counts<const N: usize>(
         .ok_or_else(|| a.fault(format!("counts: expected {N} whole numbers")))
 }
 
+/// The step `grid`.
 fn grid(a: &mut Arguments) -> StepResult {
     let counts = counts(a, [2; 3])?;
     let edge = a.number("edge")?.unwrap_or(1.0);
@@ -144,6 +151,7 @@ fn grid(a: &mut Arguments) -> StepResult {
         .map_err(|e| a.fault(e.to_string()))
 }
 
+/// The step `torus`.
 fn torus(a: &mut Arguments) -> StepResult {
     let counts = counts(a, [16, 8])?;
     let major = a.number("major")?.unwrap_or(2.0);
@@ -209,6 +217,7 @@ fn crystal(form: Form) -> Result<Outcome, crate::polymesh::form::FormError> {
     Ok(outcome)
 }
 
+/// The step `push`: moves one form of the crystal that the model still is, and makes its mesh again.
 fn push(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let plane = a.required("a plane [h,k,l]")?;
     let hkl = a.indices(plane)?;
@@ -265,6 +274,7 @@ fn load(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     Ok(outcome)
 }
 
+/// The step `save`: writes the current mesh; the model stays.
 fn save(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let word = a.required("a file")?;
     let mesh = mesh_of(a, interpreter)?;
@@ -408,7 +418,8 @@ fn subdivide(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     Ok(outcome)
 }
 
-/// The steps `move`, `turn` and `scale`.
+/// The steps `move`, `turn` (about an axis through the origin, degrees) and `scale` (about the origin). Factors are
+/// positive, since a mirror image would turn faces inside out.
 fn place(a: &mut Arguments, interpreter: &Interpreter) -> StepResult {
     let mesh = mesh_of(a, interpreter)?;
     let moved = match a.statement.verb.as_str() {
