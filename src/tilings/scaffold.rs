@@ -59,6 +59,7 @@ use druse_geometry::frame::{Aabb, CellPoint, Vec3, WorldPoint, is_in_range};
 use druse_geometry::mesh::Bvh;
 use map::Geometry;
 use rayon::prelude::*;
+use std::sync::Arc;
 use topology::Topology;
 
 /// Largest distance outside the face planes of an element at which a point still belongs to it, in the cell frame.
@@ -214,6 +215,12 @@ impl Connectivity {
         };
         &self.nodes[start..self.ends[element]]
     }
+
+    /// Coordinates of the nodes of an element.
+    fn points(&self, element: usize, nodes: &[Vec3]) -> Vec<Vec3> {
+        let own = self.nodes(element).iter();
+        own.map(|&n| nodes[n as usize]).collect()
+    }
 }
 
 /// Nodes and elements with their maps, faces and a search tree; immutable.
@@ -226,7 +233,8 @@ pub struct Scaffold {
     numbers: Vec<u64>,
     geometry: Vec<Geometry>,
     bounds: Aabb,
-    tree: Bvh,
+    /// Shared with copies whose elements are turned.
+    tree: Arc<Bvh>,
     topology: Topology,
 }
 
@@ -241,14 +249,7 @@ impl Scaffold {
         // The map of each element, its bounds and its stretch.
         let geometry: Vec<Geometry> = (0..elements.len())
             .into_par_iter()
-            .map(|e| {
-                let points: Vec<Vec3> = elements
-                    .nodes(e)
-                    .iter()
-                    .map(|&n| nodes[n as usize])
-                    .collect();
-                Geometry::new(elements.kind(e), &points)
-            })
+            .map(|e| Geometry::new(elements.kind(e), &elements.points(e, &nodes)))
             .collect();
         // Straight elements lie in the box of their control points. Curved ones are bounded to 1e-7 of the size.
         let straight = geometry.iter().filter(|g| g.curved_controls().is_none());
@@ -258,7 +259,7 @@ impl Scaffold {
                 &curved,
                 straight.fold(Aabb::EMPTY, |a, g| a.union(g.bounds)),
             ),
-            tree: Bvh::new(geometry.len(), |e| geometry[e].bounds),
+            tree: Arc::new(Bvh::new(geometry.len(), |e| geometry[e].bounds)),
             topology: Topology::new(&elements),
             numbers: Vec::new(),
             nodes,

@@ -122,6 +122,14 @@ impl<T: Coefficient> Net<T> {
     /// The polynomial of this degree with these values at the equidistant lattice points. Values are in the order of
     /// the coefficients.
     pub fn interpolating(family: Family, degree: usize, mut values: Vec<T>) -> Self {
+        // The coefficients of linear polynomials are their values at the corners.
+        if degree == 1 {
+            return Self {
+                family,
+                degree,
+                coefficients: values,
+            };
+        }
         let combine = |c: &DMatrix<f64>, row: usize, get: &dyn Fn(usize) -> T| {
             (1..c.ncols()).fold(get(0) * c[(row, 0)], |s, j| s + get(j) * c[(row, j)])
         };

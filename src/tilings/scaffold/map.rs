@@ -67,32 +67,21 @@ impl Geometry {
     pub fn new(kind: Kind, nodes: &[Vec3]) -> Self {
         let net = kind.controls(nodes);
         let bounds = Aabb::of(net.coefficients.iter().copied());
-        let affine = Affine::through(kind, &net);
-        let tolerance = AFFINE_TOLERANCE * bounds.half_diagonal();
-        let degree = kind.degree() as f64;
-        // The map is affine if all control points lie where the affine map takes their parameters.
-        let is_affine = lattice(net.family, net.degree)
-            .zip(&net.coefficients)
-            .all(|(p, c)| {
-                let xi = kind.from_parameters(Vec3::from(p.map(|i| i as f64 / degree)));
-                (affine.map(xi) - c).norm() <= tolerance
-            });
-        if is_affine {
-            let s = affine.jacobian.singular_values();
-            return Self {
-                bounds,
-                stretch: (s.min(), s.max()),
-                map: Map::Affine(affine),
-            };
-        }
-        if kind.shape() == Element::Pyramid {
-            return Self::of_pyramid(kind, nodes, net, bounds, tolerance);
-        }
-        let curved = Curved::new(kind, net);
+        let map = Map::new(kind, nodes, net, &bounds);
         Self {
             bounds,
-            stretch: curved.stretch(),
-            map: Map::Curved(Box::new(curved)),
+            stretch: map.stretch(),
+            map,
+        }
+    }
+
+    /// The geometry of the same element with its nodes in another order. Its box and the singular values of its
+    /// Jacobian stay, since a turn of the reference cell is orthogonal.
+    pub fn renumbered(&self, kind: Kind, nodes: &[Vec3]) -> Self {
+        Self {
+            bounds: self.bounds,
+            stretch: self.stretch,
+            map: Map::new(kind, nodes, kind.controls(nodes), &self.bounds),
         }
     }
 
@@ -104,29 +93,47 @@ impl Geometry {
             Map::Collapsed(c) => Some(&c.net),
         }
     }
+}
 
-    /// The map of a pyramid that is not affine. `bounds` is the box of the control points `net`; within `tolerance` of
-    /// the linear map a quadratic pyramid counts as linear.
-    fn of_pyramid(
-        kind: Kind,
-        nodes: &[Vec3],
-        net: Net<Vec3>,
-        bounds: Aabb,
-        tolerance: f64,
-    ) -> Self {
+impl Map {
+    /// The simplest map through the control points `net`, of which `bounds` is the box: an affine one where it is that
+    /// to rounding.
+    fn new(kind: Kind, nodes: &[Vec3], net: Net<Vec3>, bounds: &Aabb) -> Self {
+        let affine = Affine::through(kind, &net);
+        let tolerance = AFFINE_TOLERANCE * bounds.half_diagonal();
+        let degree = kind.degree() as f64;
+        // The map is affine if all control points lie where the affine map takes their parameters.
+        let is_affine = lattice(net.family, net.degree)
+            .zip(&net.coefficients)
+            .all(|(p, c)| {
+                let xi = kind.from_parameters(Vec3::from(p.map(|i| i as f64 / degree)));
+                (affine.map(xi) - c).norm() <= tolerance
+            });
+        if is_affine {
+            return Self::Affine(affine);
+        }
+        if kind.shape() != Element::Pyramid {
+            return Self::Curved(Box::new(Curved::new(kind, net)));
+        }
         let curved = (kind != Kind::Pyramid5)
             .then(|| Collapsed::new(kind, nodes, net, tolerance))
             .flatten();
-        let (stretch, map) = if let Some(collapsed) = curved {
-            (collapsed.stretch(), Map::Collapsed(Box::new(collapsed)))
-        } else {
-            let twisted = Twisted::new(nodes);
-            (twisted.stretch(), Map::Twisted(twisted))
-        };
-        Self {
-            bounds,
-            stretch,
-            map,
+        match curved {
+            Some(collapsed) => Self::Collapsed(Box::new(collapsed)),
+            None => Self::Twisted(Twisted::new(nodes)),
+        }
+    }
+
+    /// Bounds of the singular values of the Jacobian.
+    fn stretch(&self) -> (f64, f64) {
+        match self {
+            Self::Affine(affine) => {
+                let s = affine.jacobian.singular_values();
+                (s.min(), s.max())
+            }
+            Self::Curved(curved) => curved.stretch(),
+            Self::Twisted(twisted) => twisted.stretch(),
+            Self::Collapsed(collapsed) => collapsed.stretch(),
         }
     }
 }
@@ -322,6 +329,16 @@ pub(super) fn newton(
 /// second differences, which are their Bernstein coefficients.
 pub(super) fn bend(kind: Kind, net: &Net<Vec3>) -> [Vec3; 6] {
     match net.family {
+        // Of a trilinear map, the second differences of the mixed derivatives are those of its two faces across.
+        Family::Tensor if net.degree == 1 => PAIRS.map(|[j, k]| {
+            if j == k {
+                return Vec3::zeros();
+            }
+            let (a, b, across) = (1 << j, 1 << k, 1 << (3 - j - k));
+            let c = &net.coefficients;
+            let twist = |n: usize| (c[n + a + b] - c[n + a] - c[n + b] + c[n]).abs();
+            twist(0).sup(&twist(across))
+        }),
         // With parameters r = T xi + constant, d2F / dxi_j dxi_k = sum over a, b of T_aj T_bk d2F / dr_a dr_b.
         Family::Tensor => PAIRS.map(|[j, k]| supremum(second(net, j, k))),
         Family::Prism => {

@@ -34,14 +34,24 @@ impl Polynomial {
     /// Of a map that is such a polynomial, from its values where the coordinates are 0 or +-1/2.
     /// `powers` must span it.
     pub(super) fn of(powers: Powers, map: impl Fn(Vec3) -> Vec3) -> Self {
-        let mut coefficients = Vec::new();
-        let values: Vec<Vec3> = (0..27)
-            .map(|n| Vec3::from([n % 3, n / 3 % 3, n / 9].map(|i| (i as f64 - 1.0) / 2.0)))
-            .map(map)
-            .collect();
+        let places: [[usize; 3]; 27] = std::array::from_fn(|n| [n % 3, n / 3 % 3, n / 9]);
+        let values = places.map(|p| {
+            // A linear map needs its values at the corners alone.
+            if powers == Powers::Linear && p.contains(&1) {
+                return Vec3::zeros();
+            }
+            map(Vec3::from(p.map(|i| (i as f64 - 1.0) / 2.0)))
+        });
+        // Index i + 3 j + 9 k is the power xi_0^i xi_1^j xi_2^k.
+        let kept: &[usize] = match powers {
+            Powers::Linear => &[0, 1, 3, 4, 9, 10, 12, 13],
+            Powers::Simplex => &[0, 1, 3, 9, 2, 6, 18, 4, 12, 10],
+            Powers::Quadratic => &std::array::from_fn::<usize, 27, _>(|n| n),
+        };
+        let mut coefficients = Vec::with_capacity(3 * kept.len());
         // One axis after the other: three values in a line become its coefficients.
         for c in 0..3 {
-            let mut a: Vec<f64> = values.iter().map(|v| v[c]).collect();
+            let mut a = values.map(|v| v[c]);
             for stride in [1, 3, 9] {
                 for first in (0..27).filter(|n| n / stride % 3 == 0) {
                     let at = [first, first + stride, first + 2 * stride];
@@ -57,12 +67,7 @@ impl Polynomial {
                     }
                 }
             }
-            // Index i + 3 j + 9 k is the power xi_0^i xi_1^j xi_2^k.
-            coefficients.extend(match powers {
-                Powers::Linear => [0, 1, 3, 4, 9, 10, 12, 13].map(|n| a[n]).to_vec(),
-                Powers::Simplex => [0, 1, 3, 9, 2, 6, 18, 4, 12, 10].map(|n| a[n]).to_vec(),
-                Powers::Quadratic => a,
-            });
+            coefficients.extend(kept.iter().map(|&n| a[n]));
         }
         Self {
             powers,

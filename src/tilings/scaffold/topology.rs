@@ -109,6 +109,41 @@ impl Topology {
         topology
     }
 
+    /// The same with the faces within each element in another order: `renumbered` gives the new number of a face.
+    pub fn renumbered(&self, renumbered: impl Fn(FaceRef) -> FaceRef) -> Self {
+        let mut topology = Self {
+            starts: self.starts.clone(),
+            neighbours: vec![Neighbour::Outside; self.neighbours.len()],
+            non_manifold: self.non_manifold.clone(),
+            component_of: self.component_of.clone(),
+            components: self.components.clone(),
+        };
+        let ends = self.starts[1..].iter().copied();
+        let ends = ends.chain([self.neighbours.len() as u32]);
+        for (element, (&start, end)) in self.starts.iter().zip(ends).enumerate() {
+            for face in 0..(end - start) as u8 {
+                let f = FaceRef {
+                    element: element as u32,
+                    face,
+                };
+                let neighbour = match self.get(f) {
+                    Neighbour::Face(g) => Neighbour::Face(renumbered(g)),
+                    other => other,
+                };
+                topology.set(renumbered(f), neighbour);
+            }
+        }
+        // As sorted as in a topology that is made anew.
+        for group in &mut topology.non_manifold {
+            for f in &mut *group {
+                *f = renumbered(*f);
+            }
+            group.sort_unstable();
+        }
+        topology.non_manifold.sort_unstable();
+        topology
+    }
+
     fn set(&mut self, f: FaceRef, n: Neighbour) {
         let at = self.starts[f.element as usize] as usize + f.face as usize;
         self.neighbours[at] = n;

@@ -21,7 +21,7 @@ pub use search::{Aim, Directions};
 use super::misfit::Misfit;
 use super::mixture::Mixture;
 use super::{Member, TilingError, interface};
-use crate::scaffold::{Scaffold, ScaffoldError};
+use crate::scaffold::Scaffold;
 use druse_cells::cell::Cell;
 use druse_geometry::field::Field;
 use druse_geometry::frame::Mat3;
@@ -94,8 +94,7 @@ pub fn orient(
     if count == 0 && found.bad.is_empty() {
         return Ok(None);
     }
-    let failed = |_: ScaffoldError| TilingError::Empty;
-    let turned = scaffold.turned(turn).map_err(failed)?;
+    let turned = scaffold.turned(turn);
     let mut mixture = Mixture::default();
     if let Some(&first) = found.bad.first() {
         let mixed = mixing::mixture(&search, &faces, &found.bad, &found.turns, &turned);

@@ -9,6 +9,8 @@
 use super::views::{NO_TURN, Turn, Views};
 use crate::scaffold::{FaceRef, Neighbour, Scaffold};
 use druse_geometry::frame::{Mat3, Vec3};
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// How cells lie where several ways of turning them all continue over the faces.
 #[derive(Clone, Debug, Default)]
@@ -33,6 +35,9 @@ pub struct Directions {
     pub is_axial: bool,
 }
 
+/// Elements whose turns are chosen in one go. Scores are summed by these, so that sums do not depend on threads.
+const SCORED_ELEMENTS: usize = 1 << 12;
+
 /// Nearly the identity, and generic, so that hardly any two turns of an element are equally good.
 const WORLD: Mat3 = Mat3::new(
     1.0, 0.0013, 0.0037, 0.0029, 1.0007, 0.0041, 0.0053, 0.0019, 1.0011,
@@ -41,22 +46,50 @@ const WORLD: Mat3 = Mat3::new(
 const UP_WEIGHT: f64 = 0.1;
 const WORLD_WEIGHT: f64 = 1e-3;
 
+/// What an element's axes A make of an [`Aim`], for all of its turns: its axes become A Q^T by a turn Q.
+struct ElementAim {
+    /// The score of the world's axes is Q.M, the sum of the products of all entries.
+    world: Mat3,
+    /// A^T v for the directions v of the third and of the first axis, with their weights. That axis of A Q^T is A times
+    /// a row of Q, so that its cosine is the row's product with this vector.
+    directions: [Option<(usize, Vec3)>; 2],
+    is_axial: bool,
+}
+
 impl Aim {
-    /// How well an element lies whose reference axes have become the columns of `axes` by a turn Q.
-    fn score(&self, element: usize, axes: &Mat3, turn: &Mat3) -> f64 {
-        match self {
-            Self::World => WORLD.dot(axes),
-            Self::Numbering => WORLD.dot(turn),
+    /// The aim of an element whose reference axes are along the columns of `axes`.
+    fn of_element(&self, element: usize, axes: &Mat3) -> ElementAim {
+        let none = [None; 2];
+        let (world, directions, is_axial) = match self {
+            Self::World => (WORLD.tr_mul(axes), none, false),
+            Self::Numbering => (WORLD.transpose(), none, false),
             Self::Directions(d) => {
-                let along = |direction: Option<&Vec3>, axis: usize| {
-                    let cosine = direction.map_or(0.0, |v| v.dot(&axes.column(axis)));
-                    if d.is_axial { cosine.abs() } else { cosine }
+                let along = |v: Option<&Vec3>, axis: usize, weight: f64| {
+                    v.map(|v| (axis, axes.tr_mul(v) * weight))
                 };
-                along(d.toward.get(element), 2)
-                    + UP_WEIGHT * along(d.up.get(element), 0)
-                    + WORLD_WEIGHT * WORLD.dot(axes)
+                let toward = along(d.toward.get(element), 2, 1.0);
+                let up = along(d.up.get(element), 0, UP_WEIGHT);
+                let world = WORLD.tr_mul(axes) * WORLD_WEIGHT;
+                (world, [toward, up], d.is_axial)
             }
+        };
+        ElementAim {
+            world,
+            directions,
+            is_axial,
         }
+    }
+}
+
+impl ElementAim {
+    /// How well the element lies with a turn.
+    fn score(&self, turn: &Mat3) -> f64 {
+        let along = |(axis, v): &(usize, Vec3)| {
+            let cosine = turn.row(*axis).transpose().dot(v);
+            if self.is_axial { cosine.abs() } else { cosine }
+        };
+        let directions: f64 = self.directions.iter().flatten().map(along).sum();
+        turn.dot(&self.world) + directions
     }
 }
 
@@ -68,6 +101,26 @@ pub(super) struct Shared {
 }
 
 impl Shared {
+    fn new(scaffold: &Scaffold, views: &Views, f: FaceRef, g: FaceRef) -> Self {
+        let [own, theirs] = [f, g].map(|f| {
+            let e = scaffold.element(f.element as usize);
+            let corners = e.kind().faces()[f.face as usize].corners;
+            (corners, e.nodes(), views.shape(e.shape()))
+        });
+        // The neighbour's corners in the order of the own ones; a degenerate element repeats a node.
+        let mut matching = [0; 4];
+        let count = own.0.len();
+        for (to, &n) in matching.iter_mut().zip(own.0) {
+            let node = own.1[n as usize];
+            let is_same = |m: &&u8| theirs.1[**m as usize] == node;
+            *to = theirs.0.iter().find(is_same).map_or(0, |m| *m);
+        }
+        Self {
+            elements: [f.element, g.element],
+            views: [own.2.view(own.0), theirs.2.view(&matching[..count])],
+        }
+    }
+
     /// The face as the other element sees it.
     pub fn reversed(self) -> Self {
         Self {
@@ -98,35 +151,22 @@ impl Faces {
             places: vec![u32::MAX; count as usize],
             starts,
         };
-        for f in (0..scaffold.len()).flat_map(|e| scaffold.faces_of(e)) {
-            let Neighbour::Face(g) = scaffold.neighbour(f) else {
-                continue;
-            };
-            if g < f {
-                continue;
-            }
-            let [own, theirs] = [f, g].map(|f| {
-                let e = scaffold.element(f.element as usize);
-                let corners = e.kind().faces()[f.face as usize].corners;
-                (corners, e.nodes(), views.shape(e.shape()))
-            });
-            // The neighbour's corners in the order of the own ones; a degenerate element repeats a node.
-            let mut matching = [0; 4];
-            let count = own.0.len();
-            for (to, &n) in matching.iter_mut().zip(own.0) {
-                let node = own.1[n as usize];
-                let is_same = |m: &&u8| theirs.1[**m as usize] == node;
-                *to = theirs.0.iter().find(is_same).map_or(0, |m| *m);
-            }
-            let place = faces.list.len() as u32;
-            for f in [f, g] {
+        // In the order of the faces with the lower numbers.
+        let shared: Vec<([FaceRef; 2], Shared)> = (0..scaffold.len())
+            .into_par_iter()
+            .flat_map_iter(|e| scaffold.faces_of(e))
+            .filter_map(|f| match scaffold.neighbour(f) {
+                Neighbour::Face(g) if f < g => Some(([f, g], Shared::new(scaffold, views, f, g))),
+                _ => None,
+            })
+            .collect();
+        faces.list.reserve(shared.len());
+        for (sides, face) in shared {
+            for f in sides {
                 let at = faces.starts[f.element as usize] + u32::from(f.face);
-                faces.places[at as usize] = place;
+                faces.places[at as usize] = faces.list.len() as u32;
             }
-            faces.list.push(Shared {
-                elements: [f.element, g.element],
-                views: [own.2.view(own.0), theirs.2.view(&matching[..count])],
-            });
+            faces.list.push(face);
         }
         faces
     }
@@ -180,24 +220,24 @@ pub(super) struct Found {
 
 impl<'a> Search<'a> {
     pub fn new(scaffold: &'a Scaffold, views: &'a Views, faces: &'a Faces) -> Self {
-        let jacobians: Vec<Mat3> = scaffold
-            .elements()
-            .map(|e| e.jacobian(e.shape().centroid()))
-            .collect();
+        let (is_mirror, axes) = (0..scaffold.len())
+            .into_par_iter()
+            .map(|e| {
+                let element = scaffold.element(e);
+                let mut axes = element.jacobian(element.shape().centroid());
+                let is_mirror = axes.determinant() < 0.0;
+                for mut column in axes.column_iter_mut() {
+                    let _ = column.try_normalize_mut(0.0);
+                }
+                (is_mirror, axes)
+            })
+            .unzip();
         Self {
             scaffold,
             views,
             faces,
-            is_mirror: jacobians.iter().map(|j| j.determinant() < 0.0).collect(),
-            axes: jacobians
-                .into_iter()
-                .map(|mut j| {
-                    for mut column in j.column_iter_mut() {
-                        let _ = column.try_normalize_mut(0.0);
-                    }
-                    j
-                })
-                .collect(),
+            is_mirror,
+            axes,
         }
     }
 
@@ -238,13 +278,12 @@ impl<'a> Search<'a> {
     fn best(&self, element: usize, aim: &Aim, best: &mut Vec<(u8, u8, f64)>) {
         best.clear();
         let shape = self.views.shape(self.scaffold.element(element).shape());
+        let aim = aim.of_element(element, &self.axes[element]);
         for (n, turn) in shape.turns.iter().enumerate() {
             if turn.is_mirror != self.is_mirror[element] {
                 continue;
             }
-            // xi' = Q xi, so that the columns of J Q^T are along the new axes.
-            let back = turn.matrix.transpose();
-            let score = aim.score(element, &(self.axes[element] * back), &back);
+            let score = aim.score(&turn.matrix);
             match best.iter_mut().find(|b| b.0 == turn.class) {
                 Some(b) if b.2 >= score => {}
                 Some(b) => (b.1, b.2) = (n as u8, score),
@@ -308,65 +347,100 @@ impl<'a> Search<'a> {
 
     /// Turns the elements of a part; returns the bad faces among them.
     fn turn_part(&self, part: &Part, places: &[u32], aim: &Aim, turns: &mut [u8]) -> Vec<u32> {
-        let elements = || std::iter::once(part.root).chain(part.way.iter().map(|f| f.elements[1]));
-        let mut best = Vec::new();
-        self.best(part.root as usize, aim, &mut best);
-        let mut trials: Vec<Trial> = Vec::new();
-        let mut fewest = usize::MAX;
-        for &(_, start, _) in &best {
-            let mut own = Vec::with_capacity(part.way.len() + 1);
-            own.push(start);
-            for face in &part.way {
-                let [from, to] = face.elements.map(|e| e as usize);
-                let turn = self.next(face, own[places[from] as usize]);
-                // Behind a face that no turn continues, the search goes on with any turn.
-                own.push(if turn == NO_TURN {
-                    self.first_turn(to)
-                } else {
-                    turn
-                });
-            }
-            // A trial with more bad faces than another is no longer of interest.
-            let mut bad = Vec::new();
-            for &place in &part.faces {
-                let face = &self.faces.list[place as usize];
-                let [a, b] = [0, 1].map(|side| {
-                    let turn = own[places[face.elements[side] as usize] as usize];
-                    self.views.image(face.views[side], turn)
-                });
-                if !self.views.fits(a, b) {
-                    bad.push(place);
-                    if bad.len() > fewest {
-                        break;
-                    }
-                }
-            }
-            fewest = fewest.min(bad.len());
-            trials.push(Trial {
-                bad,
-                score: 0.0,
-                turns: own,
-            });
-        }
+        let elements = std::iter::once(part.root).chain(part.way.iter().map(|f| f.elements[1]));
+        let elements: Vec<u32> = elements.collect();
+        let mut starts = Vec::new();
+        self.best(part.root as usize, aim, &mut starts);
+        // A trial that is given up has more bad faces than another, whatever the order in which trials end.
+        let fewest = AtomicUsize::new(usize::MAX);
+        let mut trials: Vec<Trial> = starts
+            .into_par_iter()
+            .map(|(_, start, _)| self.trial(part, places, start, &fewest))
+            .collect();
+        let fewest = fewest.into_inner();
         trials.retain(|t| t.bad.len() == fewest);
-        for (place, e) in elements().enumerate() {
-            self.best(e as usize, aim, &mut best);
-            for trial in &mut trials {
-                let class = self.class(e as usize, trial.turns[place]);
-                if let Some(b) = best.iter().find(|b| b.0 == class) {
-                    trial.score += b.2;
-                    trial.turns[place] = b.1;
-                }
+        // By trial the turn of the same cell that lies best, for each element, and the sum of their scores.
+        let chosen: Vec<Vec<(Vec<u8>, f64)>> = elements
+            .par_chunks(SCORED_ELEMENTS)
+            .enumerate()
+            .map(|(n, own)| self.best_of_classes(own, n * SCORED_ELEMENTS, &trials, aim))
+            .collect();
+        for (n, trial) in trials.iter_mut().enumerate() {
+            trial.turns.clear();
+            for chunk in &chosen {
+                trial.turns.extend_from_slice(&chunk[n].0);
+                trial.score += chunk[n].1;
             }
         }
         let better = |a: Trial, b: Trial| if b.score > a.score { b } else { a };
         let Some(chosen) = trials.into_iter().reduce(better) else {
             return Vec::new();
         };
-        for (e, turn) in elements().zip(chosen.turns) {
+        for (e, turn) in elements.into_iter().zip(chosen.turns) {
             turns[e as usize] = turn;
         }
         chosen.bad
+    }
+
+    /// The turns that follow from that of a part's first element. They are incomplete if there are more bad faces than
+    /// `fewest`, which becomes the least number of them in any trial.
+    fn trial(&self, part: &Part, places: &[u32], start: u8, fewest: &AtomicUsize) -> Trial {
+        let mut turns = Vec::with_capacity(part.way.len() + 1);
+        turns.push(start);
+        for face in &part.way {
+            let [from, to] = face.elements.map(|e| e as usize);
+            let turn = self.next(face, turns[places[from] as usize]);
+            // Behind a face that no turn continues, the search goes on with any turn.
+            turns.push(if turn == NO_TURN {
+                self.first_turn(to)
+            } else {
+                turn
+            });
+        }
+        let mut bad = Vec::new();
+        for &place in &part.faces {
+            let face = &self.faces.list[place as usize];
+            let [a, b] = [0, 1].map(|side| {
+                let turn = turns[places[face.elements[side] as usize] as usize];
+                self.views.image(face.views[side], turn)
+            });
+            if !self.views.fits(a, b) {
+                bad.push(place);
+                if bad.len() > fewest.load(Ordering::Relaxed) {
+                    break;
+                }
+            }
+        }
+        fewest.fetch_min(bad.len(), Ordering::Relaxed);
+        Trial {
+            bad,
+            score: 0.0,
+            turns,
+        }
+    }
+
+    /// For each trial, the best turns of elements from place `first` of the search on that give the same cells as the
+    /// trial's, and the sum of their scores.
+    fn best_of_classes(
+        &self,
+        elements: &[u32],
+        first: usize,
+        trials: &[Trial],
+        aim: &Aim,
+    ) -> Vec<(Vec<u8>, f64)> {
+        let mut chosen = vec![(Vec::with_capacity(elements.len()), 0.0); trials.len()];
+        let mut best = Vec::new();
+        for (n, &e) in elements.iter().enumerate() {
+            self.best(e as usize, aim, &mut best);
+            for (trial, (turns, score)) in trials.iter().zip(&mut chosen) {
+                let turn = trial.turns[first + n];
+                let class = self.class(e as usize, turn);
+                let found = best.iter().find(|b| b.0 == class);
+                turns.push(found.map_or(turn, |b| b.1));
+                *score += found.map_or(0.0, |b| b.2);
+            }
+        }
+        chosen
     }
 
     /// The first turn that keeps the handedness of an element.
