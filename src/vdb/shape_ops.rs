@@ -132,7 +132,7 @@ impl LevelSet {
             return Err(VdbError::Parameter {
                 name: "least edge of the box",
                 value: trim_box.size().min(),
-                expected: "a check_positive length",
+                expected: "a positive length",
             });
         }
         let builder = LevelSetBuilder::new(self.transform, self.half_width)?;
