@@ -120,6 +120,9 @@ pub enum Mismatch {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Orient(pub Box<OrientSection>);
 
+/// Component of a field of stresses: the direction of the principal stress of the greatest magnitude.
+const PRINCIPAL: &str = "principal";
+
 /// A direction in space.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Direction {
@@ -128,6 +131,13 @@ pub enum Direction {
     /// A field of vectors, or of stresses with component = "principal": the direction of the principal stress of
     /// the greatest magnitude, which has no sign.
     Field(FieldRef),
+}
+
+impl Direction {
+    /// Whether it is the principal direction of stresses.
+    pub fn is_principal(&self) -> bool {
+        matches!(self, Self::Field(f) if f.component.as_deref() == Some(PRINCIPAL))
+    }
 }
 
 /// How weights are interpolated.
@@ -264,7 +274,11 @@ impl Forms for Direction {
         components.map(Self::Components)
     }
     fn table<'de, A: MapAccess<'de>>(map: A) -> Result<Self, A::Error> {
-        FieldRef::deserialize(MapAccessDeserializer::new(map)).map(Self::Field)
+        let field = FieldRef::deserialize(MapAccessDeserializer::new(map))?;
+        match field.component.as_deref() {
+            None | Some(PRINCIPAL) => Ok(Self::Field(field)),
+            Some(other) => Err(Error::unknown_variant(other, &[PRINCIPAL])),
+        }
     }
 }
 

@@ -14,9 +14,6 @@ use crate::recipe::{self, Direction, FieldRef, OrientSection, TilingSection, Var
 use crate::tiling::{Aim, Directions, Member, Mismatch, Mixture, TilingError, orient};
 use std::sync::Arc;
 
-/// Component of a field of stresses: the direction of the principal stress of the greatest magnitude.
-const PRINCIPAL: &str = "principal";
-
 /// How elements were turned.
 #[derive(Default)]
 pub(super) struct Turned {
@@ -71,7 +68,7 @@ pub(super) fn turn_elements(
                     Some(up) => vectors("up", up)?,
                     None => Vec::new(),
                 },
-                is_axial: is_principal(toward),
+                is_axial: toward.is_principal(),
             })
         }
     };
@@ -103,13 +100,8 @@ pub(super) fn turn_elements(
     }))
 }
 
-/// Whether a direction is the principal one of a field of stresses.
-fn is_principal(direction: &Direction) -> bool {
-    matches!(direction, Direction::Field(f) if f.component.as_deref() == Some(PRINCIPAL))
-}
-
 /// Unit vectors of a direction at points: from three numbers, a field of vectors, or the principal
-/// direction of a field of stresses. Fails where a vector has length 0.
+/// direction of a field of stresses. Fails where a vector has length 0, or a field has other numbers.
 fn unit_vectors(
     files: &mut InputFiles,
     spatial: &SpatialContext,
@@ -126,13 +118,36 @@ fn unit_vectors(
             let vector = |n: usize| Vec3::new(all[0][n], all[1][n], all[2][n]);
             (0..points.len()).map(vector).collect()
         }
-        Direction::Field(field) if is_principal(direction) => {
-            principal_directions(files, spatial, field, points)?
-        }
         Direction::Field(field) => {
-            let all = components(files, spatial, field, &["x", "y", "z"], points)?;
-            let vector = |n: usize| Vec3::new(all[0][n], all[1][n], all[2][n]);
-            (0..points.len()).map(vector).collect::<Vec<Vec3>>()
+            match (direction.is_principal(), spatial.components(files, field)?) {
+                // xx yy zz xy yz zx: six components in VTK's order, nine by rows.
+                (true, 6) => {
+                    let order = ["0", "1", "2", "3", "4", "5"];
+                    principal_directions(&components(files, spatial, field, &order, points)?)
+                }
+                (true, 9) => {
+                    let order = ["0", "4", "8", "1", "5", "6"];
+                    principal_directions(&components(files, spatial, field, &order, points)?)
+                }
+                (false, 3) => {
+                    let all = components(files, spatial, field, &["0", "1", "2"], points)?;
+                    let at = |n: usize| Vec3::new(all[0][n], all[1][n], all[2][n]);
+                    (0..points.len()).map(at).collect()
+                }
+                (is_principal, count) => {
+                    let expected = if is_principal {
+                        "6 or 9, as stresses have"
+                    } else {
+                        "3 of a vector, or component = \"principal\" for stresses of 6 or 9"
+                    };
+                    return Err(RunError::Tiling(format!(
+                        "{}: the field {:?} has {count} number{} for each place; expected {expected}",
+                        spatial.key,
+                        field.field,
+                        if count == 1 { "" } else { "s" },
+                    )));
+                }
+            }
         }
     };
     let unit = |(v, p): (&Vec3, &Vec3)| {
@@ -144,7 +159,18 @@ fn unit_vectors(
             ))
         })
     };
-    vectors.iter().zip(points).map(unit).collect()
+    let mut found = vectors
+        .iter()
+        .zip(points)
+        .map(unit)
+        .collect::<Result<Vec<Vec3>, _>>()?;
+    if let Direction::Field(field) = direction {
+        let map = spatial.direction_map(files.recipe, field)?;
+        for v in &mut found {
+            *v = map(*v).normalize();
+        }
+    }
+    Ok(found)
 }
 
 /// Values of components of a field at points, one list per name of `names`.
@@ -165,40 +191,9 @@ fn components(
     names.iter().map(values).collect()
 }
 
-/// Directions of the principal stress of the greatest magnitude. The tensor is interpolated, not its direction,
-/// which has no sign.
-fn principal_directions(
-    files: &mut InputFiles,
-    spatial: &SpatialContext,
-    field: &FieldRef,
-    points: &[Vec3],
-) -> Result<Vec<Vec3>, RunError> {
-    // xx yy zz xy yz zx: of nine components by rows, else of six in VTK's order. The first read makes errors of
-    // the file itself appear as they are.
-    components(files, spatial, field, &["0"], points)?;
-    let nine = components(
-        files,
-        spatial,
-        field,
-        &["0", "4", "8", "1", "5", "6"],
-        points,
-    );
-    let mut six = || {
-        components(
-            files,
-            spatial,
-            field,
-            &["0", "1", "2", "3", "4", "5"],
-            points,
-        )
-    };
-    let all = nine.or_else(|_| six()).map_err(|e| match e {
-        RunError::Read(e) => RunError::Read(e.with_hint(format!(
-            "{}: component = \"principal\" needs stresses of 6 or 9 numbers for each place",
-            spatial.key
-        ))),
-        other => other,
-    })?;
+/// Directions of the principal stress of the greatest magnitude, from interpolated components xx yy zz xy yz zx of the
+/// tensor: a direction of it has no sign, so that it cannot be interpolated itself.
+fn principal_directions(all: &[Vec<f64>]) -> Vec<Vec3> {
     let direction = |n: usize| {
         let s = |i: usize| all[i][n];
         let tensor = Mat3::new(s(0), s(3), s(5), s(3), s(1), s(4), s(5), s(4), s(2));
@@ -209,5 +204,5 @@ fn principal_directions(
         let v: Vec3 = eigen.eigenvectors.column(largest).into();
         if is_zero { Vec3::zeros() } else { v }
     };
-    Ok((0..points.len()).map(direction).collect())
+    (0..all[0].len()).map(direction).collect()
 }

@@ -91,6 +91,23 @@ impl FieldData {
         })
     }
 
+    /// How many numbers the field that a recipe names has at each place: one of a grid or a table's column.
+    pub fn components(
+        files: &InputFiles,
+        field: &FieldRef,
+        file: &FileFrame,
+    ) -> Result<usize, RunError> {
+        let path = files.recipe.resolve(&file.path);
+        if has_extension(&path, &["vdb", "csv"]) {
+            return Ok(1);
+        }
+        let fields = match crate::io::read_elements(&path)? {
+            ElementFile::Solids(f) => f.fields,
+            ElementFile::Surface(f) => f.fields,
+        };
+        Ok(find_field(&path, &fields, field)?.components)
+    }
+
     /// The file.
     pub fn path(&self) -> &Path {
         &self.path

@@ -323,7 +323,7 @@ pub(crate) fn frame_map(
     file: &FileFrame,
     own: Option<LengthUnit>,
     recipe: LengthUnit,
-) -> impl Fn(Vec3) -> Vec3 {
+) -> impl Fn(Vec3) -> Vec3 + use<> {
     let factor = own.map_or(1.0, |u| u.to(recipe));
     let (matrix, shift) = file.transform.matrix();
     let up = file.up;

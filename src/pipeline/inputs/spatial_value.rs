@@ -4,12 +4,12 @@
 //! point is an error, and so is a missing value of a field unless the recipe's `outside` replaces it.
 
 use super::field_data::FieldData;
-use super::input_files::InputFiles;
+use super::input_files::{InputFiles, frame_map};
 use crate::field::Formula;
 use crate::frame::{Aabb, Vec3};
 use crate::mesh::MeshSolid;
 use crate::pipeline::base::error::RunError;
-use crate::recipe::{FieldRef, Varying};
+use crate::recipe::{FieldRef, FileFrame, Recipe, Varying};
 use crate::scaffold::Scaffold;
 use crate::sequence::Clock;
 
@@ -97,6 +97,40 @@ impl SpatialContext<'_> {
         }
     }
 
+    /// The file of a field: its own, or the scaffold's.
+    fn field_file<'r>(
+        &self,
+        recipe: &'r Recipe,
+        field: &'r FieldRef,
+    ) -> Result<&'r FileFrame, RunError> {
+        let scaffold = recipe.sections().scaffold.as_ref();
+        let own = field.file.as_deref();
+        own.or(scaffold.and_then(|s| s.file.as_deref()))
+            .ok_or_else(|| self.fail("a field needs a file: the scaffold has no file"))
+    }
+
+    /// How many numbers a field has at each place.
+    ///
+    /// # Errors
+    /// A file that cannot be read, and one without the field.
+    pub fn components(&self, files: &InputFiles, field: &FieldRef) -> Result<usize, RunError> {
+        FieldData::components(files, field, self.field_file(files.recipe, field)?)
+    }
+
+    /// The map of directions from the axes of a field's file to the recipe's; it may change their lengths.
+    ///
+    /// # Errors
+    /// A field without a file.
+    pub fn direction_map(
+        &self,
+        recipe: &Recipe,
+        field: &FieldRef,
+    ) -> Result<impl Fn(Vec3) -> Vec3 + use<>, RunError> {
+        let map = frame_map(self.field_file(recipe, field)?, None, recipe.unit());
+        let origin = map(Vec3::zeros());
+        Ok(move |v| map(v) - origin)
+    }
+
     /// Values of a field of a file, or of the scaffold's file, after the field's piecewise linear map. A file of
     /// its own is recorded.
     fn field(
@@ -105,14 +139,7 @@ impl SpatialContext<'_> {
         field: &FieldRef,
         points: &[Vec3],
     ) -> Result<Vec<f64>, RunError> {
-        let scaffold = files.recipe.sections().scaffold.as_ref();
-        let file = field
-            .file
-            .as_ref()
-            .or(scaffold.and_then(|s| s.file.as_ref()));
-        let Some(file) = file else {
-            return Err(self.fail("a field needs a file: the scaffold has no file"));
-        };
+        let file = self.field_file(files.recipe, field)?;
         let data = FieldData::read(files, &self.key, field, file)?;
         // The scaffold's own file is recorded with the scaffold.
         if field.file.is_some() {
