@@ -299,6 +299,10 @@ number!(
     Fraction, |v| v > 0.0 && v < 1.0, "a number between 0 and 1, both excluded",
     { "type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1 });
 number!(
+    /// A share of an element's width: above 0, at most 1.
+    ElementShare, |v| v > 0.0 && v <= 1.0, "a share of an element above 0 and at most 1",
+    { "type": "number", "exclusiveMinimum": 0, "maximum": 1 });
+number!(
     /// A number from 0 to 1, both included.
     Portion, |v| (0.0..=1.0).contains(&v), "a number from 0 to 1",
     { "type": "number", "minimum": 0, "maximum": 1 });

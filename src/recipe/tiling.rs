@@ -3,7 +3,7 @@
 
 use super::file::FileRef;
 use super::forms::{Forms, forms};
-use super::quantity::{Finite, Tolerance};
+use super::quantity::{ElementShare, Finite, Tolerance};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
@@ -102,6 +102,9 @@ pub struct OrientSection {
     /// three hexes.
     #[serde(default)]
     pub mismatch: Mismatch,
+    /// With mismatch = "blend": how far from such a face cells change their form, as a share of the element. When left
+    /// out, their shares change evenly over the whole element.
+    pub width: Option<ElementShare>,
 }
 
 /// Faces over which no turns of the elements make the cells continue.
@@ -229,7 +232,7 @@ fn ascending<'de, D: Deserializer<'de>>(d: D) -> Result<Vec<[f64; 2]>, D::Error>
 }
 
 impl Forms for Orient {
-    const EXPECTED: &'static str = "\"auto\" or { toward, up, mismatch }";
+    const EXPECTED: &'static str = "\"auto\" or { toward, up, mismatch, width }";
 
     fn schema(generator: &mut SchemaGenerator) -> Schema {
         let section = generator.subschema_for::<OrientSection>();
@@ -248,6 +251,10 @@ impl Forms for Orient {
         let section = OrientSection::deserialize(MapAccessDeserializer::new(map))?;
         if section.up.is_some() && section.toward.is_none() {
             return Err(Error::missing_field("toward"));
+        }
+        if section.width.is_some() && section.mismatch != Mismatch::Blend {
+            let message = "found width without mismatch = \"blend\"; expected both or neither";
+            return Err(Error::custom(message));
         }
         Ok(Self(Box::new(section)))
     }

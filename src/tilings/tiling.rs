@@ -55,7 +55,7 @@ pub use error::TilingError;
 #[doc(hidden)]
 pub use interface::FaceJoins;
 pub use misfit::{BadEdge, Misfit};
-pub use mixture::{MixedTurn, Mixture};
+pub use mixture::{Layer, MixedTurn, Mixture};
 pub use orient::{Aim, Directions, Mismatch, Oriented, orient};
 pub use source::{CellField, Filling, fills};
 #[doc(hidden)]

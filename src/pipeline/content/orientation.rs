@@ -82,7 +82,9 @@ pub(super) fn turn_elements(
         .collect();
     let mismatch = match wanted.mismatch {
         recipe::Mismatch::Error => Mismatch::Refuse,
-        recipe::Mismatch::Blend => Mismatch::Blend,
+        recipe::Mismatch::Blend => Mismatch::Blend {
+            width: wanted.width.map(|w| w.0),
+        },
     };
     let found = orient(&loaded.scaffold, &members, &aim, mismatch).map_err(|e| match e {
         TilingError::Misfit(misfit) => RunError::Misfit {

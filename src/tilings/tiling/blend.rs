@@ -507,11 +507,12 @@ impl<C: CellField> Filling for Blend<'_, C> {
             let own = m.of(shape)?.smooth()?;
             own.fold.is_none().then_some(highest.max(own.frequency))
         });
-        let mixing = if self.turns(element).is_empty() {
-            0.0
-        } else {
-            1.0
-        };
+        let turns = self.turns(element);
+        // A layer has ends within the element, where weights are not smooth.
+        if turns.iter().any(|t| t.layer.is_some()) {
+            return None;
+        }
+        let mixing = if turns.is_empty() { 0.0 } else { 1.0 };
         Some(SmoothFunction {
             frequency: frequency? + 1.0 + mixing,
             fold: None,

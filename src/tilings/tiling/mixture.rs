@@ -2,6 +2,14 @@
 //!
 //! `Phi_e(xi) = sum over turns k of w_k(xi) Phi(Q_k xi)`, with weights that are interpolated between the corners of
 //! the element and sum to one. [`super::orient()`] chooses them so that `Phi_e` is continuous over all faces.
+//!
+//! With a width h, turns are mixed in a layer beside these faces alone. Let b be 1 at the nodes of such faces and 0 at
+//! the others, interpolated, `m_k` the weight of turn k at these nodes, interpolated likewise, and S a smooth step from
+//! b = 1 - h to b = 1. Then
+//!
+//! `w_k = S(b) m_k / b + (1 - S(b)) (1 for the element's own turn, else 0)`.
+//!
+//! On a face b and m depend on the face's nodes alone, so that `Phi_e` stays continuous; on a bad face b = 1.
 
 use super::Interpolation;
 use super::corners::CornerFunctions;
@@ -19,6 +27,25 @@ pub struct MixedTurn {
     pub matrix: Mat3,
     /// Weights at the corners, in VTK order; zeros after the last corner.
     pub weights: [f64; 8],
+    /// Where turns are mixed; in the whole element if there is none.
+    pub layer: Option<Layer>,
+}
+
+/// The layer of an element, beside faces over which no turn continues, in which turns are mixed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Layer {
+    /// Whether each corner is a node of such a face.
+    pub corners: [bool; 8],
+    /// Its width as a share of the element: above 0, at most 1.
+    pub width: f64,
+}
+
+impl Layer {
+    /// S(b) and its derivative: t^2 (3 - 2 t), t = 1 - (1 - b) / h.
+    fn step(&self, b: f64) -> (f64, f64) {
+        let t = (1.0 - (1.0 - b) / self.width).clamp(0.0, 1.0);
+        (t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t) / self.width)
+    }
 }
 
 /// The elements that hold a cell in several turns.
@@ -53,7 +80,29 @@ impl Mixture {
 impl MixedTurn {
     /// w(xi) and its gradient.
     pub fn weight(&self, shape: Element, xi: CellPoint<3>) -> (f64, Vec3) {
-        CornerFunctions::at(shape, xi, Interpolation::Linear).of(|v| self.weights[v])
+        let corners = CornerFunctions::at(shape, xi, Interpolation::Linear);
+        let Some(layer) = &self.layer else {
+            return corners.of(|v| self.weights[v]);
+        };
+        let in_layer = |v: usize| f64::from(u8::from(layer.corners[v]));
+        let (b, db) = corners.of(in_layer);
+        let (m, dm) = corners.of(|v| in_layer(v) * self.weights[v]);
+        let (step, step_slope) = layer.step(b);
+        // q = S / b, which is 0 outside the layer.
+        let (q, q_slope) = if step > 0.0 {
+            (step / b, (step_slope - step / b) / b)
+        } else {
+            (0.0, 0.0)
+        };
+        let own = f64::from(u8::from(self.is_own(layer)));
+        let slope = dm * q + db * (q_slope * m - step_slope * own);
+        (q * m + (1.0 - step) * own, slope)
+    }
+
+    /// Whether it is the element's own turn, which all corners outside the layer have.
+    fn is_own(&self, layer: &Layer) -> bool {
+        let mut corners = self.weights.iter().zip(layer.corners);
+        corners.any(|(w, is_in_layer)| !is_in_layer && *w > 0.0)
     }
 
     /// Q xi.
@@ -80,6 +129,12 @@ impl MixedTurn {
             .fold(Interval::new(f64::INFINITY, f64::NEG_INFINITY), |r, &w| {
                 r.hull(Interval::new(w, w))
             });
-        (range.hi - range.lo) * CORNER_SLOPE
+        let slope = (range.hi - range.lo) * CORNER_SLOPE;
+        let Some(layer) = &self.layer else {
+            return slope;
+        };
+        // S / b <= 9/8, |S'| <= 3 / (2 h), m <= b max(w), and the range of m's corner values is at most max(w).
+        let own = f64::from(u8::from(self.is_own(layer)));
+        CORNER_SLOPE * (range.hi * (1.125 + 1.5 / layer.width) + own * 1.5 / layer.width)
     }
 }

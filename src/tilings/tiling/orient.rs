@@ -39,13 +39,17 @@ pub struct Oriented {
 }
 
 /// What becomes of faces over which no turns make the cells continue.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Mismatch {
     /// They are an error.
     #[default]
     Refuse,
     /// The elements at their nodes hold the cells in several turns.
-    Blend,
+    Blend {
+        /// The width of the layer beside these faces in which they do, as a share of an element: above 0, at most 1.
+        /// Without it the shares of turns change evenly over the whole element.
+        width: Option<f64>,
+    },
 }
 
 /// Turns the elements of a scaffold so that the cells of all members continue over its faces; `None` if nothing
@@ -97,9 +101,18 @@ pub fn orient(
     let turned = scaffold.turned(turn);
     let mut mixture = Mixture::default();
     if let Some(&first) = found.bad.first() {
-        let mixed = mixing::mixture(&search, &faces, &found.bad, &found.turns, &turned);
+        let width = match mismatch {
+            Mismatch::Blend { width } => width,
+            Mismatch::Refuse => None,
+        };
+        let at_faces = mixing::BadFaces {
+            faces: &faces,
+            bad: &found.bad,
+            turns: &found.turns,
+        };
+        let mixed = mixing::mixture(&search, &at_faces, &turned, width);
         match (mixed, mismatch) {
-            (Some(mixed), Mismatch::Blend) => mixture = mixed,
+            (Some(mixed), Mismatch::Blend { .. }) => mixture = mixed,
             (mixed, _) => {
                 let edges = bad_edges::bad_edges(&search, &faces, &found.bad, &found.turns);
                 let elements = faces.list[first as usize].elements;

@@ -12,7 +12,7 @@
 use super::search::{Faces, Search};
 use super::views::NO_TURN;
 use crate::scaffold::Scaffold;
-use crate::tiling::mixture::{MixedTurn, Mixture};
+use crate::tiling::mixture::{Layer, MixedTurn, Mixture};
 use druse_geometry::frame::Mat3;
 use druse_geometry::union_find::UnionFind;
 use std::collections::{BTreeMap, BTreeSet};
@@ -23,17 +23,26 @@ const MIN_WEIGHT: f64 = 1e-12;
 /// An element and the class of one of its turns.
 type Sheet = (u32, u8);
 
+/// The faces over which cells do not continue.
+pub(super) struct BadFaces<'a> {
+    /// All shared faces.
+    pub faces: &'a Faces,
+    /// The places of the bad ones among them.
+    pub bad: &'a [u32],
+    /// The turns of all elements.
+    pub turns: &'a [u8],
+}
+
 /// The mixture that closes bad faces; `None` if a sheet at one of them does not continue in a single sheet.
-/// `turned` is the scaffold in the turns `turns`.
+/// `turned` is the scaffold in its turns, `width` that of the layer in which turns are mixed.
 pub(super) fn mixture(
     search: &Search,
-    faces: &Faces,
-    bad: &[u32],
-    turns: &[u8],
+    BadFaces { faces, bad, turns }: &BadFaces,
     turned: &Scaffold,
+    width: Option<f64>,
 ) -> Option<Mixture> {
     let mut nodes = BTreeSet::new();
-    for &place in bad {
+    for &place in *bad {
         let element = faces.list[place as usize].elements[0] as usize;
         let own = search.scaffold.faces_of(element);
         let own = own.filter(|f| faces.place(*f) == Some(place));
@@ -78,11 +87,27 @@ pub(super) fn mixture(
         }
         let all = search.turns(element as usize);
         let own: Mat3 = all[usize::from(turns[element as usize])].matrix;
+        let e = turned.element(element as usize);
+        let mut at_bad_faces = [false; 8];
+        for (is_at, corner) in at_bad_faces
+            .iter_mut()
+            .zip(&e.nodes()[..e.kind().corner_count()])
+        {
+            *is_at = nodes.contains(corner);
+        }
+        let layer = width.map(|width| Layer {
+            corners: at_bad_faces,
+            width,
+        });
         let turn = |(class, weights): (u8, [f64; 8])| {
             let found = search.turn_of_class(element as usize, class)?;
             // The elements are numbered in their own turns by now.
             let matrix = all[usize::from(found)].matrix * own.transpose();
-            Some(MixedTurn { matrix, weights })
+            Some(MixedTurn {
+                matrix,
+                weights,
+                layer,
+            })
         };
         mixed.insert(
             element,

@@ -145,6 +145,57 @@ fn edges_with_three_hexes_are_named() {
     }
 }
 
+/// Checks a mixture of turns: it continues over all faces, its weights sum to one, its gradients are those of its values,
+/// and both keep to their bounds. Returns at how many of the points in mixed elements only one turn counts.
+fn check_mixture(scaffold: &Scaffold, cell: &Cell, width: Option<f64>) -> usize {
+    let found = orient(
+        scaffold,
+        &member(cell),
+        &Aim::World,
+        Mismatch::Blend { width },
+    )
+    .unwrap()
+    .unwrap();
+    assert!(!found.mixture.is_empty());
+    let ones = vec![1.0; scaffold.nodes().len()];
+    let [own] = member(cell);
+    let blend = Blend::new(&found.scaffold, vec![own], ones, Interpolation::Linear).unwrap();
+    let blend = blend.with_mixture(&found.mixture);
+    assert!(blend.check(&found.scaffold).is_ok());
+    let jump = crate::tiling::certify(&found.scaffold, &blend).value_jump_max;
+    assert!(jump < 1e-9, "{jump}");
+    let mut state = 5;
+    let mut unmixed = 0;
+    for element in (0..scaffold.len()).flat_map(|e| [e; 3]) {
+        let turns = found.mixture.turns(element);
+        let at = [0; 3].map(|_| draw(&mut state, 1000) as f64 / 1000.0 - 0.5);
+        let xi = CellPoint(Vec3::from(at));
+        let shape = scaffold.element(element).shape();
+        let sum: f64 = turns.iter().map(|t| t.weight(shape, xi).0).sum();
+        assert!(turns.is_empty() || (sum - 1.0).abs() < 1e-12, "{sum}");
+        unmixed += usize::from(turns.iter().any(|t| t.weight(shape, xi).0 == 1.0));
+        for turn in turns {
+            let (weight, slope) = turn.weight(shape, xi);
+            assert!((-1e-12..=1.0 + 1e-12).contains(&weight));
+            assert!(slope.norm() <= turn.max_slope(8), "{slope}");
+            for axis in 0..3 {
+                let step = Vec3::ith(axis, 1e-5);
+                let [a, b] = [xi.0 + step, xi.0 - step].map(|p| turn.weight(shape, CellPoint(p)).0);
+                assert!(((a - b) / 2e-5 - slope[axis]).abs() < 1e-5);
+            }
+        }
+        let (value, gradient) = blend.value_and_gradient(element, xi);
+        for axis in 0..3 {
+            let step = Vec3::ith(axis, 1e-5);
+            let [a, b] = [xi.0 + step, xi.0 - step].map(|p| blend.value(element, CellPoint(p)));
+            assert!(((a - b) / 2e-5 - gradient[axis]).abs() < 1e-5);
+        }
+        assert!(blend.bound(element, &shape.cell_box()).contains(value));
+        assert!(gradient.norm() <= blend.gradient_sup(element));
+    }
+    unmixed
+}
+
 /// Around these edges the turns of the cell are mixed, so that it continues over all faces; elsewhere it is as it was.
 #[test]
 fn mixed_turns_continue_around_edges_with_three_hexes() {
@@ -152,35 +203,11 @@ fn mixed_turns_continue_around_edges_with_three_hexes() {
     let (ball, sphere) = (Scaffold::ball(6.0, 3.0).unwrap(), hollow_sphere(3));
     for (scaffold, cell) in [(&sphere, &gyroid), (&ball, &gyroid), (&sphere, &chiral(4))] {
         let mixed = shuffled(scaffold, 8);
-        let found = orient(&mixed, &member(cell), &Aim::World, Mismatch::Blend)
-            .unwrap()
-            .unwrap();
-        assert!(!found.mixture.is_empty());
-        let ones = vec![1.0; mixed.nodes().len()];
-        let [own] = member(cell);
-        let blend = Blend::new(&found.scaffold, vec![own], ones, Interpolation::Linear).unwrap();
-        let blend = blend.with_mixture(&found.mixture);
-        assert!(blend.check(&found.scaffold).is_ok());
-        let jump = crate::tiling::certify(&found.scaffold, &blend).value_jump_max;
-        assert!(jump < 1e-9, "{jump}");
-        let mut state = 5;
-        for element in 0..mixed.len() {
-            let turns = found.mixture.turns(element);
-            let at = [0; 3].map(|_| draw(&mut state, 1000) as f64 / 1000.0 - 0.5);
-            let xi = CellPoint(Vec3::from(at));
-            let shape = mixed.element(element).shape();
-            let sum: f64 = turns.iter().map(|t| t.weight(shape, xi).0).sum();
-            assert!(turns.is_empty() || (sum - 1.0).abs() < 1e-12, "{sum}");
-            // The gradient is that of the values, and both keep to their bounds.
-            let (value, gradient) = blend.value_and_gradient(element, xi);
-            for axis in 0..3 {
-                let step = Vec3::ith(axis, 1e-5);
-                let [a, b] = [xi.0 + step, xi.0 - step].map(|p| blend.value(element, CellPoint(p)));
-                assert!(((a - b) / 2e-5 - gradient[axis]).abs() < 1e-5);
-            }
-            assert!(blend.bound(element, &shape.cell_box()).contains(value));
-            assert!(gradient.norm() <= blend.gradient_sup(element));
-        }
+        // A thin layer leaves more of the elements as they are.
+        let unmixed = [None, Some(1.0), Some(0.6), Some(0.3)];
+        let unmixed = unmixed.map(|width| check_mixture(&mixed, cell, width));
+        assert_eq!(unmixed[..2], [0, 0]);
+        assert!(unmixed[2] > 0 && unmixed[3] > unmixed[2], "{unmixed:?}");
     }
     // A cell that shows something else on every face has no partner behind it, so that nothing can be mixed.
     let column = |k| {
@@ -189,7 +216,12 @@ fn mixed_turns_continue_around_edges_with_three_hexes() {
     };
     let one_way = Cell::new("one_way", Element::Wedge, column([0, 1, 1])).unwrap();
     let wedges = warped(Kind::Wedge6, [2, 2, 2]);
-    let found = orient(&wedges, &member(&one_way), &Aim::World, Mismatch::Blend);
+    let found = orient(
+        &wedges,
+        &member(&one_way),
+        &Aim::World,
+        Mismatch::Blend { width: None },
+    );
     let Err(TilingError::Misfit(misfit)) = found else {
         panic!("it continues nowhere");
     };
