@@ -18,7 +18,7 @@ use druse_geometry::progress::Progress;
 pub const LOADS: [&str; 6] = ["11", "22", "33", "23", "13", "12"];
 
 /// The components of the displacement gradient in each Voigt strain; two for shear, which are added. Component
-/// 3 c + a is du_c/dx_a.
+/// 3 c + a is `du_c/dx_a`.
 const VOIGT_GRADIENTS: [[usize; 2]; 6] = [[0, 0], [4, 4], [8, 8], [5, 7], [2, 6], [1, 3]];
 
 /// The medium, its operators and buffers.
@@ -269,7 +269,7 @@ impl<'a> Elasticity<'a> {
             .collect()
     }
 
-    /// Displacement gradients at the voxels `chosen`, which ascend; component 3 c + a is du_c/dx_a. `nz` is the number
+    /// Displacement gradients at the voxels `chosen`, which ascend; component 3 c + a is `du_c/dx_a`. `nz` is the number
     /// of voxels of a row.
     fn gradients_at(&self, u: &[f64], chosen: &[usize], nz: usize) -> Vec<[f64; 9]> {
         let found = std::sync::Mutex::new(vec![[0.0; 9]; chosen.len()]);

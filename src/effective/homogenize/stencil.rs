@@ -312,7 +312,7 @@ impl Frequencies {
         }
     }
 
-    /// The frequency q at an index (i, j, k): the derivative along axis a multiplies by i q_a, up to a common phase.
+    /// The frequency q at an index (i, j, k): the derivative along axis a multiplies by i `q_a`, up to a common phase.
     #[inline]
     pub fn at(&self, [i, j, k]: [usize; 3]) -> [f64; 3] {
         let [x, y, z] = [self.others[0][i], self.others[1][j], self.others[2][k]];
