@@ -25,7 +25,8 @@ use std::path::{Path, PathBuf};
 use std::{fs, io};
 use tempfile::{NamedTempFile, PersistError};
 
-/// The destination of the bytes until the file is committed.
+/// The destination of the bytes until the file is committed: a temporary file with the path of its target, or the
+/// target itself.
 enum Sink {
     Staged(BufWriter<NamedTempFile>, PathBuf),
     Direct(BufWriter<File>),
@@ -33,9 +34,12 @@ enum Sink {
 
 /// An output file: write to it as a [`Write`] (and [`Seek`]), then commit.
 pub struct AtomicFile {
+    /// The path as the user named it, for messages.
     shown: PathBuf,
     sink: Sink,
+    /// The expected size of the whole file, for messages.
     needed: Option<u64>,
+    /// Bytes that have been accepted, those in the buffer included.
     written: u64,
     /// Where the next bytes go.
     position: u64,
@@ -92,7 +96,8 @@ impl AtomicFile {
         self
     }
 
-    /// Converts an error during writing into one with the file and the number of bytes written.
+    /// Converts an error during writing into one with the file and the number of bytes written; the file itself stays
+    /// as it is.
     pub fn failed(&self, error: io::Error) -> WriteError {
         WriteError::Io {
             path: self.shown.clone(),
@@ -110,7 +115,7 @@ impl AtomicFile {
         }
     }
 
-    /// Keeps the first error of a result.
+    /// Keeps the error of a result; with it all further writing is dropped.
     fn noted<T>(&mut self, result: io::Result<T>) -> io::Result<T> {
         result.map_err(|e| {
             let e = plain(e);
@@ -138,7 +143,8 @@ impl AtomicFile {
         self.finish(|file, target| file.persist_noclobber(target))
     }
 
-    /// Flushes, syncs and moves the file to its target by `persist`; returns its size in bytes.
+    /// Flushes, syncs and moves the file to its target by `persist`; returns its size in bytes. A file that is written
+    /// directly (a pipe, a device) has no other name: `persist` is not called.
     fn finish(
         mut self,
         persist: impl FnOnce(NamedTempFile, &Path) -> Result<File, PersistError>,
@@ -306,7 +312,8 @@ pub fn write_bytes(path: impl AsRef<Path>, bytes: &[u8]) -> Result<u64, WriteErr
     file.commit()
 }
 
-/// Refuses a path at which no file can be made, before the work whose result belongs there.
+/// Refuses a path at which no file can be made, before the work whose result belongs there. A temporary file is made
+/// and removed again; the target stays as it is.
 ///
 /// # Errors
 /// As [`AtomicFile::create`].
@@ -358,6 +365,7 @@ impl Target {
 /// Follows symbolic links to a file that does not exist yet.
 fn resolve_dangling(shown: &Path) -> Result<PathBuf, WriteError> {
     let mut path = shown.to_owned();
+    // The limit of Linux on links in a path.
     for _ in 0..40 {
         match fs::read_link(&path) {
             Ok(next) => path = path.parent().unwrap_or(Path::new("")).join(next),

@@ -1,4 +1,6 @@
 //! Beams of files: their ends, caps and clipping meshes.
+//!
+//! These are types only; `beams.rs` reads and writes them. Lengths are in the unit of the file.
 
 use super::mesh_format::MeshFile;
 use druse_geometry::frame::{Aabb, Vec3};
@@ -37,7 +39,8 @@ pub struct FileBeam {
 }
 
 impl FileBeam {
-    /// The bounding box.
+    /// The bounding box of the axis with its radius and caps, exact but for the cone of a beam whose radii differ,
+    /// whose discs count as those of a cylinder.
     pub fn bounds(&self) -> Aabb {
         let direction = (self.ends[1] - self.ends[0])
             .try_normalize(0.0)

@@ -1,4 +1,4 @@
-//! Lattices of straight beams: the types, and the 3MF beam lattice extension.
+//! Reading and writing of straight beams by 3MF's beam lattice extension; `beam_parts.rs` has the types.
 
 use super::atomic::AtomicFile;
 use super::beam_parts::{BeamLattice, SolidFile};
@@ -26,7 +26,8 @@ pub fn write_beams(
     file.commit()
 }
 
-/// Reads a mesh with beams: all formats of [`read_mesh`], and the beams of 3MF, which that function refuses.
+/// Reads a mesh with beams: all formats of [`read_mesh`], and the beams of 3MF, which that function refuses. A 3MF
+/// without beams is read as a mesh.
 ///
 /// # Errors
 /// As [`read_mesh`].
@@ -57,7 +58,8 @@ pub fn is_strut_file(path: impl AsRef<Path>) -> Result<bool, ReadError> {
     Ok(solid.file.mesh.is_empty() && !solid.beams.is_empty())
 }
 
-/// Whether a path has the extension and the first bytes of 3MF.
+/// Whether a path has the extension and the first bytes of 3MF (those of a zip archive); false for a file that cannot
+/// be read.
 fn is_3mf(path: &Path) -> bool {
     if MeshFormat::of(path) != Some(MeshFormat::ThreeMf) {
         return false;

@@ -1,4 +1,5 @@
-//! `.cell` files: unit cells as JSON text (see [`Cell::from_json`] for the format).
+//! `.cell` files: unit cells as JSON text (see [`Cell::from_json`] for the format). This file adds the limit of size,
+//! the encoding and the places of errors.
 
 use super::atomic;
 use super::error::{Place, ReadError, WriteError};

@@ -41,13 +41,13 @@ pub fn read_points(path: impl AsRef<Path>) -> Result<PointFile, ReadError> {
     text(source)
 }
 
-/// The hint for points without normals.
+/// The hint for points without normals: a surface is rebuilt from both.
 const NORMALS_HINT: &str = "the normals define the inside: give every point a normal";
 
 /// The names of the columns.
 const COLUMNS: [&str; 6] = ["x", "y", "z", "nx", "ny", "nz"];
 
-/// Reads a text file.
+/// Reads a text file: one point and its normal a line. Without a header the columns are x y z nx ny nz.
 fn text(mut source: Source) -> Result<PointFile, ReadError> {
     let mut file = PointFile::default();
     let mut columns = [0, 1, 2, 3, 4, 5];
@@ -78,6 +78,7 @@ fn text(mut source: Source) -> Result<PointFile, ReadError> {
         // Columns that are not named are ignored.
         let number = |c: &usize| numbers.as_ref().and_then(|n| n.get(*c)).copied();
         let row: Option<Vec<f64>> = columns.iter().map(number).collect();
+        // A line of words, too few columns, or a number beyond 1e18.
         let Some(row) = row.filter(|r| r.iter().all(|c| is_in_range(*c))) else {
             let error = source.bad(
                 quote(&line),

@@ -1,7 +1,8 @@
 //! Nodes, elements, groups and fields in file numbering, and their conversion to a scaffold.
 //!
-//! Duplicate elements (the same corners, in any order and orientation, under any number) are merged in every
-//! format: some programs write an element once for each of its groups. The first one keeps its number
+//! Readers of element files fill a [`Collector`] in any order; `finish` then resolves node numbers, drops unused nodes
+//! and renumbers. Duplicate elements (the same corners, in any order and orientation, under any number) are merged in
+//! every format: some programs write an element once for each of its groups. The first one keeps its number
 //! and its fields and gains the groups of the others; a note counts the duplicates.
 
 mod duplicates;
@@ -22,6 +23,7 @@ pub(super) struct Collector<'a> {
     points: Vec<Vec3>,
     /// The file's number of each point.
     point_numbers: Vec<u64>,
+    /// The elements in file order; their nodes are placeholders until `finish`.
     elements: Connectivity,
     /// The nodes of all elements by file number, concatenated.
     element_nodes: Vec<u64>,
@@ -76,7 +78,7 @@ impl<'a> Collector<'a> {
         (self.points, self.fields)
     }
 
-    /// Adds elements (by their index in the file) to the group of this name.
+    /// Adds elements (by their index in the file) to the group of this name; the group is made if it is new.
     pub fn named_group(&mut self, name: &str, places: &[u32]) {
         let next = FIRST_NAMED + self.names.len() as i64;
         let number = *self.names.entry(name.to_owned()).or_insert(next);
@@ -86,7 +88,8 @@ impl<'a> Collector<'a> {
         members.dedup();
     }
 
-    /// Appends values to a field. Cell data are indexed by the file number of elements, from 0.
+    /// Appends values to a field, all components of an item together, items in the order of the file. Cell data are
+    /// indexed by the file number of elements, from 0.
     pub fn field(&mut self, name: &str, at: FieldAt, components: usize, values: Vec<f64>) {
         let same = |f: &&mut DataField| f.name == name && f.at == at && f.components == components;
         match self.fields.iter_mut().find(same) {
@@ -100,16 +103,16 @@ impl<'a> Collector<'a> {
         }
     }
 
-    /// Appends a point with the file's number.
+    /// Appends a point with the file's number. Numbers are checked for repetition in `finish`.
     pub fn point(&mut self, number: u64, at: [f64; 3]) {
         self.point_numbers.push(number);
         self.points.push(at.into());
     }
 
-    /// Appends an element; `nodes` are the file's numbers in VTK order.
+    /// Appends an element; `nodes` are the file's numbers in VTK order, `groups` the numbers of its groups.
     pub fn element(&mut self, number: u64, kind: Kind, nodes: &[u64], groups: &[i64]) {
         let place = self.elements.len() as u32;
-        // Placeholders: indices are resolved once all points are known.
+        // Placeholders: indices are resolved once all points are known. 27 is the greatest number of nodes.
         self.elements.push(kind, &[0; 27][..nodes.len()]);
         self.element_nodes.extend_from_slice(nodes);
         self.element_numbers.push(number);
@@ -122,7 +125,10 @@ impl<'a> Collector<'a> {
     }
 
     /// Builds the scaffold: the solid elements if there are any, otherwise the surface of planar elements.
-    /// `name` maps group numbers to names.
+    /// `name` maps group numbers to names; groups without one are named by their number.
+    ///
+    /// The error is a node that the file does not have, a node number twice, two shapes in one place, field values
+    /// that are not one per item, or a file without elements.
     pub fn finish(
         mut self,
         name: impl Fn(i64) -> Option<String>,
@@ -133,6 +139,7 @@ impl<'a> Collector<'a> {
         let is_planar = all.clone().all(|e| self.elements.kind(e).is_planar());
         let mut new_number = vec![u32::MAX; self.points.len()];
         let mut nodes = Vec::new();
+        // `u32::MAX` marks nodes and elements that are not in the result.
         let mut node_places = Vec::new();
         let mut elements = Connectivity::default();
         let mut kept: Vec<usize> = Vec::new();
@@ -179,7 +186,7 @@ impl<'a> Collector<'a> {
             let (all_nodes, all_places) = (nodes, node_places);
             (nodes, node_places) = (Vec::new(), Vec::new());
             for (place, &e) in kept.iter().enumerate() {
-                // A duplicate is merged into an earlier element.
+                // A duplicate gets the place of the first one, which comes earlier and has its place already.
                 new_place[e] = duplicates
                     .get(&(place as u32))
                     .map_or(remaining.len() as u32, |of| new_place[kept[*of as usize]]);
@@ -257,7 +264,7 @@ impl<'a> Collector<'a> {
         })))
     }
 
-    /// The field values of the kept nodes and elements.
+    /// The field values of the kept nodes (by index among all points) and elements (by index among all elements).
     fn kept_fields(&self, nodes: &[usize], kept: &[usize]) -> Result<Vec<DataField>, ReadError> {
         let mut all = Vec::new();
         for field in &self.fields {
@@ -301,7 +308,7 @@ impl<'a> Collector<'a> {
         Ok(all)
     }
 
-    /// An error of the elements in the numbers of the file.
+    /// An error of the elements in the numbers of the file; `node_places` are the points that nodes come from.
     fn scaffold_error(&self, error: &ScaffoldError, node_places: &[usize]) -> ReadError {
         let bad = |place, found: String, expected: &str| {
             ReadError::data(self.path, place, found, expected)
@@ -335,7 +342,8 @@ enum NodeIndex {
 }
 
 impl NodeIndex {
-    /// Places of nodes by their number. Consecutive numbers need no table.
+    /// The index of the points by their numbers; an error for a number that occurs twice. Consecutive numbers need no
+    /// table.
     fn new(path: &Path, numbers: &[u64]) -> Result<Self, ReadError> {
         let first = numbers.first().copied().unwrap_or(0);
         if numbers
@@ -362,6 +370,8 @@ impl NodeIndex {
         Ok(Self::Scattered(places))
     }
 
+    /// The index of the point with a number, if there is one. The difference wraps for numbers below the first, which
+    /// makes it too large.
     fn find(&self, number: u64) -> Option<usize> {
         match self {
             Self::Consecutive { first, count } => {

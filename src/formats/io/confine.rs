@@ -2,7 +2,8 @@
 
 use std::path::{Component, Path};
 
-/// Why a file of this name would lie outside a folder, as the words after the name; `None` if it stays inside.
+/// Why a file of this name would lie outside a folder, as the words after the name; `None` if it stays inside. Only
+/// the parts of `name` are checked: `folder` itself may be a link.
 ///
 /// Links below the folder lead to places that the user does not name; they are refused wherever they lead.
 #[doc(hidden)]

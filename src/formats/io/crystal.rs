@@ -1,4 +1,7 @@
 //! Script files of the polygon stage: reading and execution.
+//!
+//! A script may load files and save results beside itself. Saving from a file is confined to its folder, since scripts
+//! come from others; steps that the user types may save anywhere.
 
 use super::confine::leads_out;
 use super::error::{Place, ReadError};
@@ -22,7 +25,8 @@ pub struct DiskFiles {
 }
 
 impl DiskFiles {
-    /// Files below a directory; without `saves` the script's `save` steps do nothing. They save inside it only.
+    /// Files below a directory; without `saves` the script's `save` steps do nothing. They save inside it only, until
+    /// [`DiskFiles::open`].
     pub fn new(directory: impl AsRef<Path>, saves: bool) -> Self {
         Self {
             directory: directory.as_ref().to_owned(),
@@ -69,6 +73,7 @@ impl Files for DiskFiles {
     }
 
     fn save(&self, path: &Path, mesh: &PolyMesh) -> Result<(), String> {
+        // A mesh with colours also writes a material file beside it: both names are checked.
         if self.saves {
             let materials = path.with_extension("mtl");
             let outside = |name: &Path| leads_out(&self.directory, name);
@@ -92,12 +97,13 @@ impl Files for DiskFiles {
 /// Greatest size of a script.
 const MAX_SCRIPT_BYTES: u64 = 1 << 24;
 
-/// Reads the text of a script.
+/// Reads the text of a script; lines end with a line feed whatever the file has.
 ///
 /// # Errors
 /// [`ReadError`] for a file that is missing, unreadable, not text or too long.
 pub fn read_script(path: &Path) -> Result<String, ReadError> {
     let mut source = Source::open(path)?;
+    // A pipe has no size: it is limited while it is read.
     if source.size() > MAX_SCRIPT_BYTES && source.size() != u64::MAX {
         let found = format!("{} bytes", source.size());
         return Err(ReadError::data(
@@ -118,7 +124,8 @@ pub fn read_script(path: &Path) -> Result<String, ReadError> {
     Ok(text)
 }
 
-/// Executes a script with these values of its parameters; returns the mesh and the notes of the steps.
+/// Executes a script with these values (name, expression) of its parameters; returns the mesh and the notes of the
+/// steps. `files` records what is loaded and saved.
 ///
 /// # Errors
 /// [`ScriptError`] at the step that fails, or when no step makes a mesh.

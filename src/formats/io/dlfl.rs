@@ -21,7 +21,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
-/// All numbers of a line, with any separators.
+/// All numbers of a line, with any separators; reading ends at a word that is no number.
 fn numbers(text: &str) -> Vec<f64> {
     text.split(|c: char| !(c.is_ascii_digit() || "+-.eE".contains(c)))
         .filter(|w| w.bytes().any(|b| b.is_ascii_digit()))
@@ -29,7 +29,7 @@ fn numbers(text: &str) -> Vec<f64> {
         .collect()
 }
 
-/// A number as an index from 0.
+/// A number as an index from 0; `line` is the text for the message.
 fn index(value: f64, source: &Source, line: &str) -> Result<u32, ReadError> {
     if value.fract() == 0.0 && (0.0..f64::from(u32::MAX)).contains(&value) {
         return Ok(value as u32);
@@ -40,7 +40,8 @@ fn index(value: f64, source: &Source, line: &str) -> Result<u32, ReadError> {
     ))
 }
 
-/// Reads a file.
+/// Reads a file. The draft holds vertices, faces with the line of each, and a group for each material; it is not yet
+/// checked to be a closed surface.
 pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadError> {
     let mut source = Source::open(path)?;
     let mut draft = Draft::default();
@@ -114,7 +115,7 @@ pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadErro
     if faces.is_empty() {
         return Err(source.bad("the end of the file without a face", "faces (f)"));
     }
-    // Corners, faces and edges state the same topology three times: they have to agree.
+    // Corners, faces and edges state the same topology three times: they have to agree. Edges themselves are not kept.
     let ends = half_edges(path, &corners, &faces, &draft.lines)?;
     check_edges(path, &corners, &ends, &edges)?;
     for face in &faces {
@@ -141,7 +142,8 @@ pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadErro
     Ok(draft)
 }
 
-/// The end vertex of the half-edge of each corner; every corner must belong to exactly one face.
+/// The end vertex of the half-edge of each corner; every corner must belong to exactly one face. `corners` holds the
+/// vertex of each corner, `faces` their corners, `lines` the line of each face.
 fn half_edges(
     path: &Path,
     corners: &[u32],
@@ -184,7 +186,8 @@ fn half_edges(
     }
 }
 
-/// Checks that every half-edge belongs to exactly one edge, together with the opposite half-edge.
+/// Checks that every half-edge belongs to exactly one edge, together with the opposite half-edge. `edges` are pairs of
+/// corners with their lines, `ends` the end vertex of each corner's half-edge.
 fn check_edges(
     path: &Path,
     corners: &[u32],
@@ -238,13 +241,14 @@ fn check_edges(
     }
 }
 
-/// A mesh as DLFL text with the name of its material file.
+/// A mesh as DLFL text with the name of its material file; group N has the material `groupN`.
 pub(super) fn text(mesh: &PolyMesh, library: &str) -> String {
     let mut text = format!("DLFL\nmtllib {library}\n#\n");
     for v in mesh.vertices() {
         let _ = writeln!(text, "v {:?} {:?} {:?}", v.x, v.y, v.z);
     }
     text.push_str("#\n");
+    // Half-edges whose opposite has not come yet: vertices, and the corner.
     let mut first = BTreeMap::new();
     let mut edges = Vec::new();
     let mut corner = 0u64;

@@ -1,4 +1,6 @@
 //! What a file of elements holds: a scaffold or a surface, its groups and its fields.
+//!
+//! These are types only. Lengths are in the unit of the file, which such formats do not state.
 
 use super::error::{Place, ReadError};
 use druse_geometry::frame::Aabb;
@@ -123,6 +125,7 @@ pub const ELEMENT_FORMATS: [&str; 18] = [
     "ply", "stl", "3mf", "dlfl", "crystal",
 ];
 
+/// The error for a file without solid elements where they are expected; `found` names what it has.
 pub(super) fn no_solids(path: &Path, found: String) -> ReadError {
     let expected = "solid elements: tetrahedra, hexahedra, wedges or pyramids";
     ReadError::data(path, Place::File, found, expected).with_hint(

@@ -1,4 +1,7 @@
 //! The errors of files: [`ReadError`] and [`WriteError`].
+//!
+//! Messages have one form: file, place, what was found, what is expected, and on a further line a hint. The class of an
+//! error gives the exit code of the program (those of `sysexits.h`).
 
 use std::fmt;
 use std::io;
@@ -123,7 +126,7 @@ impl ReadError {
         e
     }
 
-    /// Adds a hint: a sentence in lower case with what to do.
+    /// Adds a hint: a sentence in lower case with what to do; it replaces an earlier one.
     #[must_use]
     pub fn with_hint(mut self, hint: impl Into<String>) -> Self {
         self.0.hint = Some(hint.into());
@@ -223,6 +226,7 @@ pub enum WriteError {
     },
 }
 
+/// The words for the size of the whole file, if it is known.
 fn of_total(needed: Option<u64>) -> String {
     needed.map_or_else(String::new, |n| format!(" of {n}"))
 }

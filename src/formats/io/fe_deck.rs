@@ -72,7 +72,7 @@ pub struct DeckCounts {
 /// A corner of the lattice within a plane of constant x.
 type PlaneNode = [i32; 2];
 
-/// The nodes of one plane of constant x, ascending; the first has the number `first`.
+/// The nodes of one plane of constant x, ascending by y, then z; the first has the number `first`, the others follow.
 #[derive(Default)]
 struct NodePlane {
     x: i32,
@@ -94,7 +94,8 @@ impl VoxelMesh<'_> {
         layers.map(|layer| (layer[0][0], layer))
     }
 
-    /// Visits the planes of nodes in order, and each layer of cubes with the planes below and above it.
+    /// Visits the planes of nodes in order, and each layer of cubes with the planes below and above it; a plane comes
+    /// before the layers beside it. Returns the number of nodes; numbers are the same at every visit, from 1.
     fn visit(
         &self,
         mut plane: impl FnMut(&NodePlane) -> io::Result<()>,
@@ -143,7 +144,7 @@ impl VoxelMesh<'_> {
         })
     }
 
-    /// Writes the deck; returns the number of nodes.
+    /// Writes the deck; returns the number of nodes. `heading` are lines of text under `*HEADING`.
     fn write(
         &self,
         out: &mut impl Write,
@@ -218,6 +219,7 @@ impl VoxelMesh<'_> {
     }
 }
 
+/// Writes a set: `kind` is NSET or ELSET. Lines end with a comma, which continues the data.
 pub(super) fn write_set(
     out: &mut impl Write,
     kind: &str,
@@ -232,6 +234,7 @@ pub(super) fn write_set(
     Ok(())
 }
 
+/// The error for a mesh or path that the format cannot have.
 pub(super) fn refused(path: &Path, reason: &str) -> WriteError {
     WriteError::Format {
         path: path.to_owned(),

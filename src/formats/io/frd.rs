@@ -1,5 +1,8 @@
 //! Results of `CalculiX` (`.frd`, text): nodes, and fields at nodes by step.
 //!
+//! A line begins with a key in columns 1 to 3: -1 an item, -2 its continuation, -3 the end of a block, -4 and -5 the
+//! head of a field. Blocks begin with 2C (nodes), 3C (elements) or 100C (results), and the file ends with 9999.
+//!
 //! Lines have fixed columns, since numbers may touch. Components that a post-processor computes (`ALL`) are not
 //! stored in the file. Binary results are refused with a hint.
 
@@ -90,12 +93,13 @@ impl FrdFile {
     }
 }
 
-/// The text of columns; empty beyond the end of the line.
+/// The text of columns (from 0), trimmed; empty beyond the end of the line.
 fn columns(line: &[u8], range: Range<usize>) -> &[u8] {
     let end = range.end.min(line.len());
     line.get(range.start..end).unwrap_or_default().trim_ascii()
 }
 
+/// Bytes as text; invalid ones are replaced, since messages show them.
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
@@ -107,11 +111,13 @@ struct Reader {
 }
 
 impl Reader {
+    /// An error about the current line.
     fn bad(&self, expected: &str) -> ReadError {
         let line = text(self.source.current());
         self.source.bad(quote(&line), expected)
     }
 
+    /// Goes to the next line; the end of the file is an error, since a complete file has its mark.
     fn next(&mut self) -> Result<(), ReadError> {
         if self.source.advance()? {
             return Ok(());
@@ -120,12 +126,14 @@ impl Reader {
         Err(e.with_hint("the file is truncated: wait for CalculiX to end, or run it again"))
     }
 
+    /// A whole number in columns; `what` is expected there.
     fn integer(&self, range: Range<usize>, what: &str) -> Result<u64, ReadError> {
         let word = text(columns(self.source.current(), range));
         word.parse().map_err(|_| self.bad(what))
     }
 
-    /// Numbers of a line from a column on, at most six.
+    /// Appends the numbers of the current line from a column on, 12 columns each, at most six in a valid line. Empty
+    /// columns are passed.
     fn numbers(&self, start: usize, into: &mut Vec<f64>) -> Result<(), ReadError> {
         let line = self.source.current();
         let rest = line.get(start..).unwrap_or_default();
@@ -140,7 +148,8 @@ impl Reader {
         Ok(())
     }
 
-    /// Sets the width of node numbers from a block's format code.
+    /// Sets the width of node numbers from a block's format code: 5 columns for 0 (short), 10 for 1 (long); binary
+    /// codes are an error.
     fn format(&mut self, code: u64) -> Result<(), ReadError> {
         if code >= BINARY_FORMAT {
             let e = self.source.bad(
@@ -189,6 +198,7 @@ impl Reader {
         }
     }
 
+    /// Counts the elements of a block; their nodes are not kept.
     fn elements(&mut self) -> Result<u64, ReadError> {
         let mut count = 0;
         loop {
@@ -202,7 +212,7 @@ impl Reader {
         }
     }
 
-    /// Reads a block of results at nodes, from its header on.
+    /// Reads a block of results at nodes, from its header on (the current line) to its end.
     fn field(&mut self) -> Result<FrdField, ReadError> {
         let step = self.integer(STEP, "the number of a step in columns 59 to 63")?;
         let word = columns(self.source.current(), TIME);
@@ -252,7 +262,8 @@ impl Reader {
         }
     }
 
-    /// Moves the numbers of a node to the field.
+    /// Moves the numbers of a node from `row` to the field, which has to have one per component; nothing before the
+    /// first node.
     fn end_row(&self, field: &mut FrdField, row: &mut Vec<f64>) -> Result<(), ReadError> {
         if field.nodes.is_empty() {
             return Ok(());

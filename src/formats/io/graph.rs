@@ -37,9 +37,9 @@ struct GraphText {
     thicknesses: Vec<f64>,
 }
 
-/// Reads struts and plates from `.toml` or `.json`; `radius` and `thickness`, if given, replace the values
-/// that the file gives for all parts. The beams of a `.3mf` become struts with their radii; its numbers are
-/// reference lengths.
+/// Reads struts and plates from `.toml` or `.json`; `radius` and `thickness` (reference lengths), if given, replace
+/// the values that the file gives for all parts, but not those of single parts. The beams of a `.3mf` become struts
+/// with their radii, and both arguments are ignored; its numbers are reference lengths.
 ///
 /// # Errors
 /// [`ReadError`] with the line, edge or face: a missing file, invalid text, a node that does not exist, a part
@@ -71,7 +71,7 @@ pub fn read_skeleton_noted(
 /// Number of struts that approximate a beam of varying radius: a strut has one radius.
 const STRUTS_PER_CONE: usize = 8;
 
-/// The beams of a 3MF.
+/// The beams of a 3MF as struts, and a note for each kind of content that struts cannot represent.
 fn read_beams(path: &Path) -> Result<(Skeleton, Vec<String>), ReadError> {
     let solid = super::beams::read_solid(path)?;
     let mut notes = solid.file.warnings;
@@ -127,7 +127,7 @@ fn read_beams(path: &Path) -> Result<(Skeleton, Vec<String>), ReadError> {
     Ok((skeleton, notes))
 }
 
-/// Reads a text file.
+/// Reads a text file; the arguments are those of [`read_skeleton`].
 fn read_text(
     path: &Path,
     radius: Option<f64>,

@@ -151,12 +151,14 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
     collector.finish(|_| None)
 }
 
-/// Whether a line continues the parameters of a keyword line that ends with a comma.
+/// Whether a line continues the parameters of a keyword line that ends with a comma: data lines begin with a number.
 fn continues(line: &str) -> bool {
     line.starts_with(|c: char| c.is_ascii_alphabetic() || c == '"')
 }
 
+// A deck is read in one pass: a keyword line begins a section, and the lines after it are its data.
 impl Deck<'_> {
+    /// Opens a file of the deck and counts it; `depth` is the number of files that include it.
     fn open(&mut self, path: &Path, depth: usize) -> Result<Source, ReadError> {
         self.files += 1;
         let source = Source::open(path)?;
@@ -171,7 +173,8 @@ impl Deck<'_> {
         Ok(source)
     }
 
-    /// Reads a file line by line; `depth` is the number of files that include it.
+    /// Reads a file line by line; `depth` is the number of files that include it. The section at its end is closed, so
+    /// that it does not go on in the including file.
     fn file(&mut self, path: &Path, depth: usize) -> Result<(), ReadError> {
         let mut source = self.open(path, depth)?;
         let mut keyword_line = String::new();
@@ -181,6 +184,7 @@ impl Deck<'_> {
                 continue;
             }
             if !keyword_line.is_empty() {
+                // The limit keeps a file without data from growing one line.
                 if continues(&line) && keyword_line.len() < 1 << 16 {
                     keyword_line.push_str(&line);
                     if line.ends_with(',') {
@@ -210,7 +214,7 @@ impl Deck<'_> {
         self.end_of_section(&source)
     }
 
-    /// The model of the current scope.
+    /// The model of the current scope; a part that has none yet gets one.
     fn model(&mut self) -> &mut Model {
         match &self.scope {
             Scope::Root => &mut self.assembly.root,
@@ -250,7 +254,7 @@ impl Deck<'_> {
         Ok(())
     }
 
-    /// The path of a file named in a file: in the directory of that file, else in that of the deck.
+    /// The path of a file named in the file `path`: in the directory of that file, else in that of the deck.
     fn resolve_path(&self, path: &Path, file: &str) -> PathBuf {
         let at = |path: &Path| path.parent().unwrap_or(Path::new("")).join(file);
         let sibling = at(path);
@@ -280,7 +284,7 @@ impl Deck<'_> {
         Ok(())
     }
 
-    /// Reads a data line by the section that it stands in.
+    /// Reads a data line by the section that it stands in. Lines of keywords without effect on geometry are dropped.
     fn data(&mut self, line: &str, source: &Source) -> Result<(), ReadError> {
         // The section is restored below; an error ends the reading.
         let section = std::mem::replace(&mut self.section, Section::Ignored);
@@ -353,7 +357,8 @@ impl Deck<'_> {
         Ok(())
     }
 
-    /// Reads a line of an element, which may extend over several lines.
+    /// Reads a line of an element, which may extend over several lines; `kinds` are the possible kinds by ascending
+    /// number of nodes, `set` is a set that it joins. The number of the element comes first.
     fn element(
         &mut self,
         line: &str,
@@ -387,7 +392,7 @@ impl Deck<'_> {
         Ok(())
     }
 
-    /// Reads a line of an element without volume or surface.
+    /// Reads a line of an element without volume or surface, of the type `kind`; only its number is kept.
     fn skip_element(
         &mut self,
         line: &str,
@@ -413,6 +418,7 @@ impl Deck<'_> {
         Ok(())
     }
 
+    /// The error for the number of nodes of the pending element.
     fn wrong_count(&self, kind: Kind, source: &Source) -> ReadError {
         let place = Place::ItemOnLine("element", self.pending[0], source.line_number());
         let found = format!("{} nodes", self.pending.len() - 1);
@@ -420,7 +426,7 @@ impl Deck<'_> {
         ReadError::data(source.path(), place, found, expected)
     }
 
-    /// Processes the data lines of the section that ends.
+    /// Processes the data lines of the section that ends; the section is then `Ignored`.
     fn end_of_section(&mut self, source: &Source) -> Result<(), ReadError> {
         if matches!(self.section, Section::Start) {
             return Ok(());

@@ -68,7 +68,7 @@ const TET_FACES: [(&str, &[u8]); 4] = [
     ("S4", &[0, 2, 3]),
 ];
 
-/// Nodes of an element in the order that changes the sign of its Jacobian.
+/// Nodes of an element in the order that changes the sign of its Jacobian; first-order elements use the first 8 or 4.
 const HEX_MIRROR: [u8; 20] = [
     4, 5, 6, 7, 0, 1, 2, 3, 12, 13, 14, 15, 8, 9, 10, 11, 16, 17, 18, 19,
 ];
@@ -116,7 +116,8 @@ fn deck_type(kind: Kind) -> Option<(&'static str, usize)> {
     }
 }
 
-/// A name of letters, digits and underscores that begins with a letter and is not in `taken`, in upper case.
+/// A name of letters, digits and underscores that begins with a letter and is not in `taken`, in upper case; it is
+/// added to `taken`. Names that are taken get a number at the end.
 fn deck_name(name: &str, taken: &mut BTreeSet<String>) -> String {
     let plain = |c: char| {
         if c.is_ascii_alphanumeric() {
@@ -142,6 +143,7 @@ fn deck_name(name: &str, taken: &mut BTreeSet<String>) -> String {
 type Faces = BTreeMap<&'static str, Vec<u64>>;
 
 impl ElementDeck<'_> {
+    /// The nodes of an element as they are written, from 0, in an order with positive volume.
     fn nodes_of(&self, element: usize) -> Vec<u32> {
         let map = self.scaffold.element(element);
         let count = deck_type(map.kind()).map_or(0, |t| t.1);
@@ -157,7 +159,7 @@ impl ElementDeck<'_> {
         order.iter().map(|&n| own[usize::from(n)]).collect()
     }
 
-    /// The label of an outer face in the order of the nodes as written.
+    /// The label of an outer face (S1 to S6) in the order of the nodes as written.
     fn face_label(&self, face: FaceRef) -> &'static str {
         let element = face.element as usize;
         let elements = self.scaffold.connectivity();
@@ -179,11 +181,13 @@ impl ElementDeck<'_> {
         };
         let own = labels
             .iter()
+            // Every face has a label, so that "S1" is not used as a default.
             .find(|(_, c)| c.iter().copied().collect::<BTreeSet<u8>>() == corners);
         own.map_or("S1", |l| l.0)
     }
 
-    /// Writes the deck; returns the number of nodes.
+    /// Writes the deck; returns the number of nodes. Parts follow one another: nodes, elements, sides, groups, axes,
+    /// materials.
     fn write(&self, out: &mut impl Write, heading: &[String]) -> io::Result<u64> {
         writeln!(out, "*HEADING")?;
         for line in heading {
@@ -242,7 +246,8 @@ impl ElementDeck<'_> {
         Ok(())
     }
 
-    /// The nodes on the sides of the box, and the outer faces whose corners lie there.
+    /// The nodes on the sides of the box, and the outer faces whose corners lie there. `used` are the nodes that
+    /// elements have.
     fn sides(&self, out: &mut impl Write, used: &[usize]) -> io::Result<()> {
         let points = self.scaffold.nodes();
         let range = |axis: usize| {
@@ -277,7 +282,7 @@ impl ElementDeck<'_> {
         Ok(())
     }
 
-    /// Element set, node set and outer faces of each group.
+    /// Element set, node set and outer faces of each group; their names are added to `taken`.
     fn groups(&self, out: &mut impl Write, taken: &mut BTreeSet<String>) -> io::Result<()> {
         let outer: Vec<FaceRef> = self.scaffold.outer_faces().collect();
         for group in self.groups.iter().filter(|g| !g.elements.is_empty()) {
@@ -300,7 +305,7 @@ impl ElementDeck<'_> {
         Ok(())
     }
 
-    /// The orientation `FRAMES`.
+    /// The orientation `FRAMES`: axes 1 and 2 of each element's material.
     fn frames(&self, out: &mut impl Write) -> io::Result<()> {
         let axes = |f: &Mat3| {
             let (a, b) = (f.column(0), f.column(1));
@@ -331,7 +336,7 @@ impl ElementDeck<'_> {
         writeln!(out, "ELEMENT_FRAMES")
     }
 
-    /// One material and one section for each class of elements that occurs.
+    /// One material and one section for each class of elements that occurs; names are added to `taken`.
     fn materials(&self, out: &mut impl Write, taken: &mut BTreeSet<String>) -> io::Result<()> {
         for (c, class) in self.classes.iter().enumerate() {
             let members = (0..self.class_of.len()).filter(|&e| self.class_of[e] as usize == c);

@@ -46,8 +46,9 @@ struct File<'a> {
     elements: u64,
 }
 
+// Numbers of nodes and elements count from 1 in the order of the file.
 impl File<'_> {
-    /// Reads the data of a keyword; returns false at the end of the mesh.
+    /// Reads the data of a keyword; returns false at the end of the mesh, after which nothing is read.
     fn section(&mut self, keyword: &str) -> Result<bool, ReadError> {
         let found = TABLE.iter().find(|r| r.1.eq_ignore_ascii_case(keyword));
         // A binary section gives its own length, so that an unknown one can be skipped; text does not.
@@ -65,6 +66,7 @@ impl File<'_> {
                  .msh instead; sections of other programs can be taken out of the file",
             ));
         };
+        // Numbers in a binary section have no effect beyond it: the reader goes to the next keyword by its position.
         match meaning {
             Meaning::End => return Ok(false),
             Meaning::Dimension => {
@@ -102,7 +104,7 @@ impl File<'_> {
         Ok(true)
     }
 
-    /// Reads the vertices.
+    /// Reads the vertices: coordinates and a reference number each, which has no meaning here.
     fn vertices(&mut self) -> Result<(), ReadError> {
         let Some(dimension) = self.dimension else {
             return Err(self
@@ -125,7 +127,7 @@ impl File<'_> {
         Ok(())
     }
 
-    /// Reads the elements of the section `name`.
+    /// Reads the elements of the section `name`: node numbers from 1 and a reference number, which is the group.
     fn elements(&mut self, name: &str, kind: Kind) -> Result<(), ReadError> {
         let mut nodes = [0; 27];
         let own = &mut nodes[..kind.node_count()];

@@ -1,4 +1,7 @@
 //! Mesh files by extension: reading as polygons or triangles, and writing.
+//!
+//! The extension decides on the format. For formats with unmistakable first bytes the content must not contradict it.
+//! Files of elements and scripts are read as their outer faces.
 
 use super::atomic::AtomicFile;
 use super::element_file::ELEMENT_FORMATS;
@@ -32,8 +35,8 @@ fn known_extensions() -> String {
 
 /// The type of a file by its first bytes, with the matching extension; `None` if unknown.
 pub fn sniff(head: &[u8]) -> Option<(&'static str, &'static str)> {
-    // Text may begin with a byte order mark and blanks; words of the first 512 bytes are compared without
-    // case.
+    // Text may begin with a byte order mark and blanks; words of the first 512 bytes are compared, the first word
+    // without case.
     let head = &head[..head.len().min(512)];
     let text = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
     let text = text.trim_ascii_start();
@@ -110,7 +113,8 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<MeshFile, ReadError> {
     Ok(file)
 }
 
-/// The unit that the head of a mesh file states, if any.
+/// The unit that the head of a mesh file states, if any: `unit="..."` of 3MF, `unit=...` in the header or a comment of
+/// the other formats. 3MF without it is in millimetres.
 ///
 /// # Errors
 /// [`ReadError`] for a missing file or an invalid 3MF.
@@ -118,6 +122,7 @@ pub fn stated_unit(path: impl AsRef<Path>) -> Result<Option<LengthUnit>, ReadErr
     let path = path.as_ref();
     let head = match MeshFormat::of(path) {
         Some(MeshFormat::ThreeMf) => return threemf::unit(path).map(Some),
+        // An STL header has 80 bytes; comments of PLY and OBJ stand at the beginning.
         Some(MeshFormat::Stl) => 80,
         Some(_) => 4096,
         None => return Ok(None),
@@ -131,7 +136,7 @@ pub fn stated_unit(path: impl AsRef<Path>) -> Result<Option<LengthUnit>, ReadErr
     Ok(stated.and_then(|u| u.parse().ok()))
 }
 
-/// Reads any mesh as polygons.
+/// Reads any mesh as polygons, without triangulating them.
 pub(super) fn read_soup(path: &Path) -> Result<Soup, ReadError> {
     match extension(path).as_str() {
         "stl" => stl::read(open_checked(path)?).map(Soup::from_mesh),
@@ -183,12 +188,14 @@ fn readable_extensions() -> Vec<String> {
     all.iter().map(|e| format!(".{e}")).collect()
 }
 
+/// The extension in lower case; empty if there is none.
 fn extension(path: &Path) -> String {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     extension.unwrap_or_default()
 }
 
-/// Opens a file and checks that its content does not contradict its extension.
+/// Opens a file and checks that its content does not contradict its extension. Content that is not recognised does not
+/// contradict.
 fn open_checked(path: &Path) -> Result<Source, ReadError> {
     let mut source = Source::open(path)?;
     let extension = extension(path);

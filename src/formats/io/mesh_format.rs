@@ -1,4 +1,4 @@
-//! Formats of triangle meshes, and what a file of one holds.
+//! Formats of triangle meshes, and what a file of one holds. These are types only; `mesh_file.rs` reads and writes.
 
 use druse_geometry::frame::LengthUnit;
 use druse_geometry::mesh::TriMesh;
@@ -38,7 +38,8 @@ impl MeshFormat {
         (Self::ThreeMf, "3mf"),
     ];
 
-    /// The format of a path's extension, ignoring case.
+    /// The format of a path's extension, ignoring case; `None` for other extensions, `.off` and element files among
+    /// them, which are only read.
     pub fn of(path: impl AsRef<Path>) -> Option<Self> {
         let extension = path.as_ref().extension()?.to_str()?.to_ascii_lowercase();
         Self::EXTENSIONS

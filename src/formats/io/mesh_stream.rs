@@ -1,7 +1,8 @@
 //! Streaming mesh output: vertices and faces arrive in parts that are not kept in memory.
 //!
 //! STL is written triangle by triangle. The other formats list all vertices first, so vertices and faces are
-//! spooled to unnamed temporary files in the output directory and merged at the end.
+//! spooled to unnamed temporary files in the output directory and merged at the end. A stream that is not committed
+//! leaves no file.
 
 use super::atomic::AtomicFile;
 use super::error::WriteError;
@@ -44,11 +45,13 @@ enum Backend {
     Spooled(MeshFormat, Spool),
 }
 
+/// Vertices (three `f64`, then the attributes as `f32`) and faces (`u32` each) in little-endian order.
 struct Spool {
     vertices: BufWriter<File>,
     faces: BufWriter<File>,
     /// The number of corners stored per face.
     corners: usize,
+    /// Numbers of vertices and faces.
     counts: [u64; 2],
     names: Vec<String>,
     is_double: bool,
@@ -109,7 +112,7 @@ impl MeshStream {
         })
     }
 
-    /// Adds a part.
+    /// Adds a part: its new vertices get the next numbers of the whole mesh.
     ///
     /// # Errors
     /// [`WriteError::Io`], and [`WriteError::Format`] for quadrilaterals in a file of triangles.
@@ -197,6 +200,7 @@ impl Spool {
         })
     }
 
+    /// Bytes that the spool holds.
     fn bytes(&self) -> u64 {
         (24 + 4 * self.names.len() as u64) * self.counts[0]
             + 4 * self.corners as u64 * self.counts[1]
@@ -226,6 +230,7 @@ impl Spool {
         Ok(())
     }
 
+    /// The spool files from their beginning, for one reading.
     fn into_rows(self) -> io::Result<SpooledRows> {
         let reopened = |file: BufWriter<File>| {
             let mut file = file.into_inner().map_err(io::IntoInnerError::into_error)?;

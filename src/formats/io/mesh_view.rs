@@ -1,4 +1,7 @@
 //! Borrowed meshes for the writers: vertices, triangles or quads, vertex attributes.
+//!
+//! Writers take any `Rows`: a view in memory, or files that were filled part by part. Nothing is copied; a factor
+//! scales coordinates while they are written.
 
 use druse_geometry::frame::Vec3;
 use druse_geometry::mesh::{QuadMesh, TriMesh};

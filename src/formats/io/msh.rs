@@ -98,7 +98,7 @@ enum Type {
 /// The offset of the numbers of surface groups: surfaces and volumes may have the same numbers.
 const SURFACE_GROUP_OFFSET: i64 = 1 << 32;
 
-/// The unique number of a physical group of any dimension.
+/// The unique number of a physical group of dimension 2 or 3, from its number in the file.
 fn group_of(dimension: u8, number: i64) -> i64 {
     // A negative number marks a surface of reversed orientation.
     number.unsigned_abs() as i64 % SURFACE_GROUP_OFFSET
@@ -109,6 +109,7 @@ fn group_of(dimension: u8, number: i64) -> i64 {
         }
 }
 
+/// 2 for planar kinds, 3 for solids.
 fn dimension(kind: Kind) -> u8 {
     kind.shape().dimension() as u8
 }
@@ -183,7 +184,8 @@ struct File<'a> {
 }
 
 impl File<'_> {
-    /// Reads the format section. Returns the name of the next section if it was read already.
+    /// Reads the format section, and sets version and encoding. Returns the name of the next section if it was read
+    /// already.
     fn header(&mut self) -> Result<Option<String>, ReadError> {
         let expected = "$MeshFormat, the first line of a Gmsh mesh";
         let mut first = self.tokens.needed_line(expected)?.to_owned();
@@ -243,7 +245,7 @@ impl File<'_> {
         Ok(None)
     }
 
-    /// Reads one section, its end included.
+    /// Reads one section, its end included; sections that do not affect the shape are skipped.
     fn section(&mut self, section: &str) -> Result<(), ReadError> {
         use Version::{Four0, Four1, One, Two};
         match (section, self.version) {
@@ -304,14 +306,15 @@ impl File<'_> {
         Err(self.text_error(found, expected))
     }
 
-    /// Skips an unknown section.
+    /// Skips an unknown section, its end included.
     fn skip(&mut self, section: &str) -> Result<(), ReadError> {
         let end = end_of(section);
         if self.binary == Encoding::Text {
             while self.tokens.needed_line(&end)? != end {}
             return Ok(());
         }
-        // Binary data have no lines: search for the end byte by byte.
+        // Binary data have no lines: search for the end byte by byte. Only the first byte of the end is a "$", so that
+        // a mismatch starts again at most at this byte.
         let mut matched = 0;
         while matched < end.len() {
             let [byte] = self.tokens.source.array(&end)?;
@@ -324,7 +327,7 @@ impl File<'_> {
         Ok(())
     }
 
-    /// Reads the names of physical groups.
+    /// Reads the names of physical groups: their number, then a line each.
     fn physical_names(&mut self) -> Result<(), ReadError> {
         let expected = "the number of physical names";
         let line = self.tokens.needed_line(expected)?;
@@ -401,7 +404,7 @@ impl File<'_> {
         }
     }
 
-    /// Adds an element with nodes in Gmsh order.
+    /// Adds an element with nodes in Gmsh order, in physical groups of its own dimension.
     fn add_element(&mut self, number: u64, kind: Kind, nodes: &[u64], groups: &[i64]) {
         let mut ordered = [0; 27];
         for (to, &from) in ordered.iter_mut().zip(kind.gmsh_order()) {
@@ -416,7 +419,7 @@ impl File<'_> {
     }
 }
 
-/// The line that ends a section of this name.
+/// The line that ends a section of this name: `$End...`, in version 1 `$END...`.
 fn end_of(section: &str) -> String {
     match section {
         "$NOD" | "$ELM" => format!("$END{}", &section[1..]),

@@ -1,4 +1,5 @@
-//! Wavefront material files: reading of colours, writing of a colour for each group.
+//! Wavefront material files: reading of colours, writing of a colour for each group. Other properties of materials are
+//! neither read nor kept.
 
 use super::error::ReadError;
 use super::source::Source;
@@ -7,7 +8,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
-/// The colours (`Kd`) of a material file, rounded to 255ths; other lines are ignored.
+/// The colours (`Kd`, 0 to 1) of a material file by name, rounded to 255ths; other lines are ignored.
 pub(super) fn read(path: &Path) -> Result<BTreeMap<String, [u8; 3]>, ReadError> {
     let mut source = Source::open(path)?;
     let mut colors = BTreeMap::new();

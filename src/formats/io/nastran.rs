@@ -108,7 +108,7 @@ impl<'a> Deck<'a> {
         Ok(())
     }
 
-    /// `BEGIN BULK`: discards all content before it.
+    /// `BEGIN BULK`: discards all content before it, its errors included. A second one is an error.
     fn begin(&mut self, card: &Card) -> Result<(), ReadError> {
         if self.has_begun || !matches!(card.field(0), "" | "BULK") {
             let found = format!("BEGIN {}", quote(card.field(0)));
@@ -122,6 +122,7 @@ impl<'a> Deck<'a> {
         Ok(())
     }
 
+    /// Reads the file of an INCLUDE card, relative to the folder of the file `path` that has it.
     fn include(&mut self, card: &Card, path: &Path, depth: usize) -> Result<(), ReadError> {
         if card.field(0).is_empty() {
             return Err(card.bad("INCLUDE without a file", "INCLUDE 'FILE'"));
@@ -134,7 +135,7 @@ impl<'a> Deck<'a> {
         self.file(&directory.join(PathBuf::from(card.field(0))), depth + 1)
     }
 
-    /// Processes a card by its name.
+    /// Processes a card by its name; other cards than these cannot change the shape and are passed.
     fn card(&mut self, card: &Card) -> Result<(), ReadError> {
         let name = card.name.as_str();
         match name {
@@ -164,7 +165,7 @@ impl<'a> Deck<'a> {
         Ok(())
     }
 
-    /// Adds a grid point; the same point may be listed again.
+    /// Adds a grid point; the same point may be listed again. Missing coordinates are 0.
     fn grid(&mut self, card: &Card) -> Result<(), ReadError> {
         card.check()?;
         let number = card.needed(0, "a grid point's number")?;
@@ -191,7 +192,7 @@ impl<'a> Deck<'a> {
         Ok(())
     }
 
-    /// The coordinates of a grid point in the basic system.
+    /// The coordinates of a grid point in the basic system, the global rectangular one; an error for an unknown system.
     fn to_basic(&self, grid: &Grid, number: u64) -> Result<Vec3, ReadError> {
         let system = grid.system.unwrap_or(self.default_system);
         self.systems.to_basic(system, grid.at).ok_or_else(|| {

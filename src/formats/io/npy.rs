@@ -1,4 +1,7 @@
 //! `.npy` files: one array of numbers in `NumPy`'s format, versions 1 to 3.
+//!
+//! A file has six bytes of identification, two of version, the length of a header, the header as a dictionary of Python
+//! in text, then the numbers. Numbers of all types become `f64`; the array is in C order whatever the file has.
 
 use super::error::{Place, ReadError};
 use super::source::{Source, quote};
@@ -22,7 +25,7 @@ const MAX_HEADER_BYTES: usize = 1 << 16;
 /// Greatest number of elements of an array.
 const MAX_NUMBERS: u64 = 1 << 30;
 
-/// Reads an array of little-endian f4 or f8, bool or u1, in C or Fortran order.
+/// Reads an array of little-endian f4 or f8, bool or u1, in C or Fortran order. Bools become 0 and 1.
 ///
 /// # Errors
 /// [`ReadError`] for a missing or truncated file, or an unsupported array.
@@ -106,6 +109,7 @@ pub fn read_npy(path: impl AsRef<Path>) -> Result<NpyArray, ReadError> {
     })
 }
 
+/// A number from its bytes; the length gives the type. Other lengths do not occur.
 fn number(bytes: &[u8]) -> f64 {
     match *bytes {
         [b] => f64::from(b),
@@ -115,7 +119,8 @@ fn number(bytes: &[u8]) -> f64 {
     }
 }
 
-/// Converts from Fortran order to C order.
+/// Converts from Fortran order (first axis fastest) to C order (last axis fastest). The index counts in C order, and
+/// its place in the file is the sum of index times stride.
 fn to_c_order(values: &[f64], shape: &[usize]) -> Vec<f64> {
     let mut index = vec![0; shape.len()];
     let strides: Vec<usize> = shape

@@ -14,14 +14,14 @@ pub(super) fn real(word: &[u8]) -> Option<f64> {
     text.parse().ok().or_else(|| fortran(text))
 }
 
-/// A number with an exponent such as `D0`.
+/// A number with an exponent such as `D0` or `d-3`; `None` if there is no D or the parts are no number.
 fn fortran(text: &str) -> Option<f64> {
     let at = text.find(['d', 'D'])?;
     let (digits, power) = (&text[..at], &text[at + 1..]);
     format!("{digits}e{power}").parse().ok()
 }
 
-/// A number that is finite and below the limit of coordinates.
+/// A number that is finite and below the limit of coordinates, 1e18.
 pub(super) fn finite(word: &[u8]) -> Option<f64> {
     real(word).filter(|x| is_in_range(*x))
 }

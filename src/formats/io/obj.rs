@@ -1,6 +1,9 @@
 //! Wavefront OBJ: text with vertices, polygons and their names.
 //!
 //! Free-form curves and surfaces, points and lines are counted and ignored. Statements that execute other files
+//!
+//! A statement is a word and its arguments; a backslash at its end joins the next line. Vertices count from 1, or
+//! backward from the last one with negative numbers. Texture and normal numbers of corners are not kept.
 //! (`call`, `csh`) and undefined statements are refused.
 
 use super::error::ReadError;
@@ -68,7 +71,7 @@ impl Annotations {
     }
 }
 
-/// Reads the polygons; `g` and `o` become groups.
+/// Reads the polygons; `g` and `o` become groups, in the order of their first faces.
 pub(super) fn read(source: Source) -> Result<Soup, ReadError> {
     let (mut soup, annotations) = read_annotated(source)?;
     let mut places: BTreeMap<&str, usize> = BTreeMap::new();
@@ -85,7 +88,8 @@ pub(super) fn read(source: Source) -> Result<Soup, ReadError> {
     Ok(soup)
 }
 
-/// Reads the polygons with names and colours.
+/// Reads the polygons with names and colours. That corners are vertices of the file is checked at the end, since faces
+/// may name later ones.
 pub(super) fn read_annotated(mut source: Source) -> Result<(Soup, Annotations), ReadError> {
     let mut soup = Soup::default();
     let mut annotations = Annotations::default();
@@ -181,7 +185,7 @@ fn set_name<'a>(name: &mut String, words: impl Iterator<Item = &'a [u8]>) -> boo
     is_changed
 }
 
-/// The colour of three numbers with any separators.
+/// The colour of three numbers (0 to 1) with any separators, as a word; `None` for other text.
 fn color(text: &[u8]) -> Option<String> {
     let number = |b: &u8| b.is_ascii_digit() || b"+-.eE".contains(b);
     let parts: Option<Vec<f64>> = text
@@ -193,7 +197,7 @@ fn color(text: &[u8]) -> Option<String> {
     Some(color_word(mtl::rounded([r, g, b])))
 }
 
-/// Reads a vertex, perhaps with a colour.
+/// Reads a vertex, perhaps with a colour, from the words after `v`, and adds it to `soup`.
 fn vertex<'a>(
     source: &Source,
     words: impl Iterator<Item = &'a [u8]>,
@@ -202,11 +206,13 @@ fn vertex<'a>(
 ) -> Result<(), ReadError> {
     let mut numbers = [0.0; 7];
     let mut count = 0;
+    // Reading ends at the first word that is no number.
     for word in words.take_while(|w| w[0] != b'#') {
         let Some(x) = number::finite(word) else {
             break;
         };
         if let Some(place) = numbers.get_mut(count) {
+            // Numbers beyond the seventh are only counted.
             *place = x;
         }
         count += 1;
@@ -230,7 +236,8 @@ fn vertex<'a>(
     Ok(())
 }
 
-/// Reads a face: vertex numbers, each with texture and normal numbers after slashes, which are ignored.
+/// Reads a face from the words after `f`, and adds it with its line to `soup`: vertex numbers, each with texture and
+/// normal numbers after slashes, which are ignored.
 fn face<'a>(
     source: &Source,
     words: impl Iterator<Item = &'a [u8]>,
@@ -243,6 +250,7 @@ fn face<'a>(
         // Numbers count from 1, negative ones backward from the last vertex so far.
         let index = match integer(number) {
             Some(n) if n > 0 => n - 1,
+            // -1 is out of range, so that 0 and other words are reported below.
             Some(n) if n < 0 => count + n,
             _ => -1,
         };
@@ -269,7 +277,7 @@ fn integer(word: &[u8]) -> Option<i64> {
     std::str::from_utf8(word).ok()?.parse().ok()
 }
 
-/// Writes text with numbers that read back exactly.
+/// Writes text with numbers that read back exactly; the unit goes into a comment.
 pub(super) fn write(out: &mut dyn Write, rows: &mut dyn Rows, unit: LengthUnit) -> io::Result<()> {
     writeln!(out, "# druse unit={unit}")?;
     rows.each_vertex(&mut |v, _| writeln!(out, "v {:?} {:?} {:?}", v.x, v.y, v.z))?;

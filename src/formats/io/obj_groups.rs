@@ -54,7 +54,8 @@ fn draft_of(soup: Soup) -> Draft {
     }
 }
 
-/// Sets the group of each face from the first source of groups that the file has; the file head lists them.
+/// Sets the group of each face from the first source of groups that the file has; the file head lists them. Warnings
+/// go to the draft; a material file that cannot be read is no error.
 fn assign_groups(draft: &mut Draft, annotations: &Annotations, path: &Path, options: &LoadOptions) {
     let group_by = options.group_by;
     let names: Vec<&Names> = annotations.of_faces(draft.faces.len()).collect();

@@ -29,12 +29,14 @@ impl Lines {
         Ok(false)
     }
 
+    /// The current line without its comment.
     fn text(&self) -> &[u8] {
         let line = self.source.current();
         line.split(|&b| b == b'#').next().unwrap_or_default()
     }
 
-    /// Makes the numbers of the current line, from word `skip` on, the next ones to read.
+    /// Makes the numbers of the current line, from word `skip` on, the next ones to read; unread ones of the line
+    /// before are dropped.
     fn take_line(&mut self, skip: usize) -> Result<(), ReadError> {
         let mut numbers = std::mem::take(&mut self.numbers);
         numbers.clear();
@@ -49,7 +51,7 @@ impl Lines {
         Ok(())
     }
 
-    /// The next number.
+    /// The next number, on this line or a later one; `what` is expected at the end of the file.
     fn number(&mut self, what: impl Fn() -> String) -> Result<f64, ReadError> {
         while self.at == self.numbers.len() {
             if !self.next()? {
@@ -62,6 +64,7 @@ impl Lines {
         Ok(self.numbers[self.at - 1])
     }
 
+    /// The next number as a count from 0 to `max`.
     fn count(&mut self, what: &str, max: f64) -> Result<u64, ReadError> {
         let x = self.number(|| what.to_owned())?;
         if x >= 0.0 && x.fract() == 0.0 && x <= max {
@@ -71,7 +74,7 @@ impl Lines {
     }
 
     /// Ends a vertex or a face. The rest of its line is the next item if the file has fewer lines than
-    /// remaining items, otherwise it is ignored.
+    /// `remaining` items, otherwise it is ignored. `dense` keeps that decision once it is made.
     fn end(&mut self, dense: &mut Option<bool>, remaining: u64) -> Result<(), ReadError> {
         if self.at == self.numbers.len() {
             return Ok(());
@@ -88,8 +91,8 @@ impl Lines {
     }
 }
 
-/// Recognises the keyword OFF with prefixes for vertex data; returns an error for unsupported vertices, `None`
-/// for another word.
+/// Recognises the keyword OFF with prefixes for vertex data (ST texture, C colour, N normal, 4 coordinates, n any
+/// dimension); returns an error for unsupported vertices, `None` for another word.
 fn keyword(word: &[u8]) -> Option<Result<(), &'static str>> {
     let word = word.to_ascii_uppercase();
     let mut rest = word.strip_suffix(b"OFF")?;
@@ -160,7 +163,8 @@ pub(super) fn read(source: Source) -> Result<Soup, ReadError> {
     content(lines, vertices, faces)
 }
 
-/// Reads vertices and faces of these numbers.
+/// Reads vertices and faces of these numbers, vertices first; corners count from 0. That they exist is checked by the
+/// caller.
 fn content(mut lines: Lines, vertices: u64, faces: u64) -> Result<Soup, ReadError> {
     let mut soup = Soup::default();
     // Three digits with a separator each; a face needs at least two.

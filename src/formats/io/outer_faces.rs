@@ -27,6 +27,7 @@ fn parts(kind: Kind) -> &'static [&'static [usize]] {
     }
 }
 
+/// The triangles and quads of all planar elements, in their order.
 fn planar(surface: &Surface) -> Faces {
     let elements = surface.connectivity();
     let mut faces = Faces::default();
@@ -39,7 +40,7 @@ fn planar(surface: &Surface) -> Faces {
     faces
 }
 
-/// The polygons of a finite-element file.
+/// The polygons of a finite-element file; a warning states that solids are represented by their outer faces.
 pub(super) fn soup(path: &Path, file: &ElementFile) -> Result<Soup, ReadError> {
     let solids = match file {
         ElementFile::Surface(file) => {

@@ -24,11 +24,11 @@ const HASH_CHARS: usize = 8;
 /// Folders whose abandoned files this process has removed.
 static SWEPT_FOLDERS: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-/// The host and its start, as names of partial files show them.
+/// The host and its start, as names of partial files show them: hashes, since a host's name may be long and private.
 struct Machine {
     host: String,
     start: String,
-    /// When the host started, if the system tells.
+    /// When the host started, if the system states it.
     started: Option<SystemTime>,
 }
 
@@ -49,8 +49,9 @@ static MACHINE: LazyLock<Machine> = LazyLock::new(|| {
     }
 });
 
-/// Creates the partial file of a target, locked, with the permissions of a new file; a name that is not UTF-8 is an
-/// error of the kind [`io::ErrorKind::InvalidFilename`].
+/// Creates the partial file of a target in its folder, locked, with the permissions of a new file; a name that is not
+/// UTF-8 is an error of the kind [`io::ErrorKind::InvalidFilename`]. The first call for a folder removes abandoned
+/// files there.
 pub(super) fn create(target: &Path) -> io::Result<NamedTempFile> {
     let folder = folder_of(target);
     let name = target.file_name().and_then(|n| n.to_str());
@@ -106,12 +107,13 @@ impl PartialFolder {
         }
     }
 
+    /// The folder.
     pub fn path(&self) -> &Path {
         self.folder.path()
     }
 }
 
-/// The folder of a file.
+/// The folder of a file; "." for a name without one.
 pub(super) fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
@@ -119,7 +121,7 @@ pub(super) fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// The start of a partial file's name.
+/// The start of a partial file's name, cut at a whole character.
 fn prefix(name: &str) -> String {
     let end = (0..=name.len().min(MAX_NAME_BYTES)).rfind(|&n| name.is_char_boundary(n));
     let Machine { host, start, .. } = &*MACHINE;
@@ -136,6 +138,7 @@ enum Lock {
     Unknown,
 }
 
+/// Requests the lock of a file without waiting for it.
 fn lock(file: &File) -> Lock {
     match flock(file, FlockOperation::NonBlockingLockExclusive) {
         Ok(()) => Lock::Held,

@@ -70,7 +70,7 @@ impl Pc2 {
         })
     }
 
-    /// The points of a sample, in the file's unit.
+    /// The points of a sample (from 0), in the file's unit; `path` is the file that was opened.
     ///
     /// # Errors
     /// [`ReadError`] if the file cannot be read.

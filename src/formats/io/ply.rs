@@ -41,7 +41,7 @@ pub(super) fn read_points(mut source: Source) -> Result<PointFile, ReadError> {
     })
 }
 
-/// Reads the polygons of a file, or its triangle strips.
+/// Reads the polygons of a file, or its triangle strips as triangles. Bytes after the last element are a warning.
 pub(super) fn read(mut source: Source) -> Result<Soup, ReadError> {
     let header = header(&mut source)?;
     // What a mesh needs at least: three coordinates, and faces or strips.

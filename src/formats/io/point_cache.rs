@@ -49,7 +49,7 @@ impl PointCache {
         }
     }
 
-    /// The frame of a sample.
+    /// The frame of a sample, from 0; frames of a layer are its time codes.
     pub fn frame(&self, sample: usize) -> f64 {
         match &self.samples {
             Samples::Pc2(cache) => cache.start + sample as f64 * cache.step,
@@ -57,7 +57,7 @@ impl PointCache {
         }
     }
 
-    /// The sample at a frame.
+    /// The sample at a frame, up to a thousandth of a frame.
     ///
     /// # Errors
     /// [`ReadError`] with the nearest frame if there is none.
@@ -90,7 +90,7 @@ impl PointCache {
         Err(ReadError::missing(&self.path, found, "one for every frame").with_hint(hint))
     }
 
-    /// The points of a sample, in the file's unit.
+    /// The points of a sample (from 0), in the file's unit, in the order of the mesh.
     ///
     /// # Errors
     /// [`ReadError`] if the file cannot be read, or a coordinate is not finite.

@@ -1,13 +1,13 @@
-//! Triangulation of a polygon.
+//! Triangulation of a polygon in space, which need not be planar or convex. The corners keep their orientation.
 
 use druse_geometry::frame::Vec3;
 
 /// Greatest number of corners of a polygon that is tested for a fan from each corner.
 const MAX_FAN_SEARCH_CORNERS: usize = 32;
 
-/// Triangulates a polygon of at least three corners: a quad along the diagonal that keeps both triangles
+/// Triangulates a polygon of at least three corners into `out`: a quad along the diagonal that keeps both triangles
 /// facing the front, larger polygons as a fan from a corner from which all sides are visible, else by ear
-/// clipping in the plane of their area vector.
+/// clipping in the plane of their area vector, and where that fails as a fan from the first corner.
 pub(super) fn triangulate(polygon: &[u32], vertices: &[Vec3], out: &mut Vec<[u32; 3]>) {
     let n = polygon.len();
     let at = |i: usize| vertices[polygon[i % n] as usize];
@@ -18,6 +18,7 @@ pub(super) fn triangulate(polygon: &[u32], vertices: &[Vec3], out: &mut Vec<[u32
         normal += (at(i) - o).cross(&(at(i + 1) - o));
     }
     let orientation = |i: usize| (at(i + 1) - at(i)).cross(&(at(i + 2) - at(i))).dot(&normal);
+    // `orientation(i)` is of corner i + 1: it is reflex or straight where that is not positive.
     let reflex = (0..n).find(|&i| orientation(i) <= 0.0).map(|i| (i + 1) % n);
     // Whether the fan from a corner faces the front.
     let is_star_centre = |from: usize| {
@@ -44,7 +45,8 @@ pub(super) fn triangulate(polygon: &[u32], vertices: &[Vec3], out: &mut Vec<[u32
     }
 }
 
-/// Triangles by ear clipping; `None` if they do not cover the polygon, for example if it intersects itself.
+/// Triangles by ear clipping in the plane across `normal` (any length); `None` if they do not cover the polygon, for
+/// example if it intersects itself.
 fn triangulate_in_plane(polygon: &[u32], vertices: &[Vec3], normal: Vec3) -> Option<Vec<[u32; 3]>> {
     let at = |i: usize| vertices[polygon[i] as usize];
     let front = normal.try_normalize(0.0)?;

@@ -1,4 +1,7 @@
 //! A polygon mesh in the making, before its indices are checked.
+//!
+//! Readers of OBJ and DLFL fill a [`Draft`]; other formats come from a soup of polygons. `finish` repairs what the
+//! options allow and checks the rest: the result is a closed oriented manifold or an error with line and face.
 
 use super::error::{Place, ReadError};
 use super::polygons::Soup;
@@ -22,7 +25,8 @@ pub(super) struct Draft {
 }
 
 impl Draft {
-    /// Polygons as one group; vertices of equal coordinates are merged.
+    /// Polygons as one group; vertices of equal coordinates are merged. An error for corners that do not exist, or no
+    /// faces.
     pub(super) fn from_soup(mut soup: Soup, path: &Path) -> Result<Self, ReadError> {
         soup.check(path)?;
         let warnings = soup.all_warnings();
@@ -48,7 +52,8 @@ impl Draft {
         })
     }
 
-    /// Numbers the groups by name: `groupN` is N, other names get the free numbers from 1 on.
+    /// Numbers the groups by name, one name per face: `groupN` is N, other names get the free numbers from 1 on in the
+    /// order of their first faces.
     pub fn number(&mut self, names: &[String]) {
         let own = |name: &str| {
             let digits = name.strip_prefix("group")?;
@@ -73,7 +78,8 @@ impl Draft {
             .collect();
     }
 
-    /// Builds the mesh: welds vertices, drops those without a face and closes holes, as the options request.
+    /// Builds the mesh: welds vertices, drops those without a face and closes holes, as the options request. `path` is
+    /// for messages.
     pub(super) fn finish(
         mut self,
         path: &Path,
@@ -134,7 +140,7 @@ impl Draft {
         }
     }
 
-    /// Removes vertices without face, with a warning.
+    /// Removes vertices without face, with a warning; faces get the new numbers.
     fn drop_unused(&mut self) {
         let mut used = vec![false; self.vertices.len()];
         for face in self.faces.iter() {
@@ -170,7 +176,8 @@ impl Draft {
         self.vertices = kept;
     }
 
-    /// Merges vertices nearer than a distance into the first of them, and coinciding corners of faces.
+    /// Merges vertices nearer than a distance into the first of them, and coinciding corners of faces. Faces that have
+    /// fewer than three corners then are left out; their vertices stay.
     fn weld(&mut self, distance: f64) {
         let cell = |p: &Vec3| [p.x, p.y, p.z].map(|c| (c / distance).floor() as i64);
         let mut cells: std::collections::HashMap<[i64; 3], Vec<u32>> =
@@ -218,8 +225,8 @@ pub(super) fn color_word([r, g, b]: [u8; 3]) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
-/// Replaces group names by colours, if requested by the options, and each colour by the first one within the
-/// tolerance.
+/// Replaces the group names of faces by the `colors` of materials, if requested by the options, and each colour by the
+/// first one within the tolerance.
 pub(super) fn replace_by_colors(
     names: &mut [String],
     colors: &BTreeMap<String, [u8; 3]>,

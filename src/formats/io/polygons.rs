@@ -61,7 +61,8 @@ impl Soup {
         }
     }
 
-    /// Adds the triangles of a strip, which alternate in orientation; returns their number.
+    /// Adds the triangles of a strip, which alternate in orientation; returns their number. A strip of n corners has
+    /// n - 2.
     pub fn push_strip(faces: &mut Faces, push_strip: &[u32]) -> usize {
         for (i, t) in push_strip.windows(3).enumerate() {
             faces.push(if i % 2 == 0 {
@@ -98,7 +99,7 @@ impl Soup {
         Ok(())
     }
 
-    /// Takes all warnings, including those for skipped faces of one or two corners, points and lines.
+    /// Takes all warnings out of the soup, including those for skipped faces of one or two corners, points and lines.
     pub fn all_warnings(&mut self) -> Vec<String> {
         let mut warnings = std::mem::take(&mut self.warnings);
         let dropped = self.faces.iter().filter(|f| f.len() < 3).count();
@@ -113,7 +114,7 @@ impl Soup {
         warnings
     }
 
-    /// The triangulated mesh.
+    /// The triangulated mesh; faces of one or two corners are left out. An error for corners that do not exist.
     pub fn mesh(mut self, path: &Path) -> Result<MeshFile, ReadError> {
         self.check(path)?;
         let warnings = self.all_warnings();
@@ -134,7 +135,8 @@ impl Soup {
         })
     }
 
-    /// A surface of triangles and quads; larger polygons are triangulated.
+    /// A surface of triangles and quads; larger polygons are triangulated. Elements have the number of their face, from
+    /// 0, and keep its groups and fields.
     pub fn elements(self, path: &Path) -> Result<ElementFile, ReadError> {
         self.check(path)?;
         let mut collector = Collector::new(path);

@@ -86,6 +86,7 @@ pub fn write_legacy_obj(path: impl AsRef<Path>, mesh: &PolyMesh) -> Result<u64, 
     write_bytes(path, text.as_bytes())
 }
 
+/// The extension in lower case; empty if there is none.
 fn extension(path: &Path) -> String {
     path.extension()
         .map(|e| e.to_string_lossy().to_lowercase())

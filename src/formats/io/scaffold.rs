@@ -1,4 +1,5 @@
-//! Scaffold files: the types and functions common to all formats.
+//! Scaffold files: the format of elements by extension. The readers of the formats are the modules beside this one; a
+//! new one is an arm here and an entry in the list of extensions.
 
 use super::element_file::{ELEMENT_FORMATS, ElementFile, ScaffoldFile, no_solids};
 use super::error::{Place, ReadError};

@@ -1,4 +1,4 @@
-//! The number types of binary files and their decoding.
+//! The number types of binary files and their decoding: the names that VTK's two forms and PLY give them.
 
 /// A number type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,6 +15,7 @@ pub(super) enum Scalar {
     F64,
 }
 
+// Unknown names are `None`; the caller reports them with their place.
 impl Scalar {
     /// The type of a name in an XML file.
     pub fn from_xml(name: &str) -> Option<Self> {
@@ -82,7 +83,7 @@ impl Scalar {
         matches!(self, Self::F32 | Self::F64)
     }
 
-    /// A number from `size` bytes.
+    /// A number from its first `size` bytes.
     pub fn real(self, bytes: &[u8], big_endian: bool) -> f64 {
         match self {
             Self::F32 => f64::from(f32::from_bits(self.bits(bytes, big_endian) as u32)),
@@ -92,7 +93,7 @@ impl Scalar {
         }
     }
 
-    /// An integer from `size` bytes; values beyond 63 bits become -1, which is invalid as a count.
+    /// An integer from its first `size` bytes; values beyond 63 bits become -1, which is invalid as a count.
     pub fn whole(self, bytes: &[u8], big_endian: bool) -> i64 {
         let bits = self.bits(bytes, big_endian);
         match self {
@@ -105,6 +106,7 @@ impl Scalar {
         }
     }
 
+    /// The first `size` bytes as one number, in the given order of bytes.
     fn bits(self, bytes: &[u8], big_endian: bool) -> u64 {
         let own = &bytes[..self.size()];
         let join = |bits: u64, b: &u8| bits << 8 | u64::from(*b);

@@ -96,7 +96,8 @@ impl Source {
         self.size.saturating_sub(self.byte)
     }
 
-    /// Reads more bytes into the buffer, which grows if full; returns their number, 0 at the end.
+    /// Reads more bytes into the buffer, which grows if full; returns their number, 0 at the end. Unread bytes move to
+    /// the start of the buffer.
     fn fill(&mut self) -> Result<usize, ReadError> {
         if self.start > 0 {
             self.buffer.copy_within(self.start..self.end, 0);
@@ -119,6 +120,7 @@ impl Source {
         }
     }
 
+    /// Marks bytes of the buffer as read.
     fn consume(&mut self, bytes: usize) {
         self.start += bytes;
         self.byte += bytes as u64;
@@ -133,13 +135,14 @@ impl Source {
         Ok(&self.buffer[self.start..self.end])
     }
 
+    /// The error that the file ends where `what` is expected.
     fn too_short(&self, what: &str) -> ReadError {
         let place = Place::Byte(self.byte);
         ReadError::data(&self.path, place, "the end of the file", what.to_owned())
             .with_hint("the file looks truncated")
     }
 
-    /// Fills the whole `buffer`.
+    /// Fills the whole `buffer`; `what` is expected at the end of the file.
     ///
     /// # Errors
     /// When the file ends first, or the system fails.
@@ -237,7 +240,8 @@ impl Source {
         Ok(true)
     }
 
-    /// The length of the line end at an offset.
+    /// The length of the line end at an offset from the unread bytes; `first` is for the first line, whose end decides
+    /// whether lines end with CR alone.
     fn line_end(&mut self, at: usize, first: bool) -> Result<usize, ReadError> {
         if self.buffer[self.start + at] == b'\n' {
             return Ok(1);
@@ -277,7 +281,7 @@ impl Source {
     }
 
     /// Reads the next statement: a line with those that a backslash at its end joins to it, unless it is
-    /// a comment. `false` at the end.
+    /// a comment. `false` at the end. [`Source::current`] is then the whole statement.
     ///
     /// # Errors
     /// When the joined lines are longer than a mebibyte, and as [`Source::advance`].
@@ -313,7 +317,8 @@ impl Source {
         Ok(true)
     }
 
-    /// The number of lines after the current one, including blank ones.
+    /// The number of lines after the current one, including blank ones. The file is opened a second time, so that the
+    /// position stays.
     ///
     /// # Errors
     /// When the system fails.
@@ -355,7 +360,8 @@ impl Source {
         ReadError::data(&self.path, Place::Byte(self.byte), found, expected)
     }
 
-    /// A count from a header as a `usize`, checked against the remaining size of the file at `min_bytes` each.
+    /// A count of items from a header as a `usize`, checked against the remaining size of the file at `min_bytes` each
+    /// and against 32 bits.
     ///
     /// # Errors
     /// When the file is too short for the count.

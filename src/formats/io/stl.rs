@@ -116,6 +116,7 @@ fn stated_unit(header: &str) -> Option<LengthUnit> {
     rest[..end].parse().ok()
 }
 
+/// Triangles under construction; corners of equal coordinates become one vertex.
 #[derive(Default)]
 struct Builder {
     merger: VertexMerger,
@@ -139,6 +140,7 @@ impl Builder {
         balance.into_iter().all(|([a, b], n)| n == 0 || a == b)
     }
 
+    /// The mesh with the metadata of its file.
     fn finish(
         self,
         source: &Source,
@@ -169,6 +171,7 @@ fn head(triangles: u32, unit: LengthUnit) -> [u8; HEADER_BYTES as usize] {
     head
 }
 
+/// A triangle of 50 bytes: unit normal (0 without area), three corners, two bytes of 0.
 fn facet([a, b, c]: [Vec3; 3]) -> [u8; TRIANGLE_BYTES as usize] {
     let n = (b - a)
         .cross(&(c - a))

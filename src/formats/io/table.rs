@@ -1,4 +1,6 @@
 //! Tables of numbers: `.csv` text with a header of column names. Names and numbers may stand in quotation marks.
+//!
+//! Commas separate columns; decimals have a point. Columns are found by name, whatever their order.
 
 use super::error::{Place, ReadError};
 use super::source::{is_utf16, quote, utf16_error};
@@ -106,7 +108,8 @@ fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     lines.enumerate().filter(|(_, l)| !l.trim().is_empty())
 }
 
-/// The named columns of each line with its line number; `number` parses a word of a column.
+/// The named columns of each line after the header, in the order of `names`, with its line number; `number` parses a
+/// word of a column, which it gets by its place in `names`.
 fn rows(
     path: &Path,
     text: &str,

@@ -1,4 +1,7 @@
 //! A reader of numbers from text or binary sections.
+//!
+//! The encoding may change between sections: lines are always text, numbers follow `encoding`. In all functions `what`
+//! is expected, for messages. Numbers of text may stand on any lines.
 
 use super::error::ReadError;
 use super::number;
@@ -36,7 +39,8 @@ impl Tokens {
         }
     }
 
-    /// The next line that is not blank, trimmed; discards the rest of the current line.
+    /// The next line that is not blank, trimmed and without comment; discards the rest of the current line. `None` at
+    /// the end of the file.
     pub fn line(&mut self) -> Result<Option<&str>, ReadError> {
         loop {
             self.at = 0;
@@ -49,6 +53,7 @@ impl Tokens {
                 }
             }
             if !self.line.is_empty() {
+                // The line is returned whole: words are not read from it again.
                 self.at = self.line.len();
                 return Ok(Some(&self.line));
             }
@@ -112,6 +117,7 @@ impl Tokens {
         Ok(())
     }
 
+    /// The next word of text as a value.
     fn parse<T>(&mut self, what: &str, value: impl Fn(&str) -> Option<T>) -> Result<T, ReadError> {
         let word = self.word(what)?;
         if let Some(value) = value(word) {
@@ -121,6 +127,7 @@ impl Tokens {
         Err(self.source.bad(found, what))
     }
 
+    /// The next `N` bytes in little-endian order.
     fn binary<const N: usize>(&mut self, what: &str) -> Result<[u8; N], ReadError> {
         let mut bytes = self.source.array::<N>(what)?;
         if self.encoding == Encoding::Big {
@@ -167,8 +174,8 @@ impl Tokens {
         }
     }
 
-    /// Checks a count against the remaining size of the file: `binary` bytes per item, or one digit and one
-    /// separator for each of `words`.
+    /// Checks a claimed count of items against the remaining size of the file: `binary` bytes per item, or one digit
+    /// and one separator for each of its `words` numbers; the last separator may be missing.
     pub fn count(
         &self,
         claimed: u64,
@@ -189,6 +196,7 @@ impl Tokens {
         Ok(claimed as usize)
     }
 
+    /// The error at the end of the file.
     fn end(&self, what: &str) -> ReadError {
         self.source
             .bad("the end of the file", what.to_owned())

@@ -1,4 +1,5 @@
-//! A limit on the unpacked size of a compressed file, against files made to exhaust the memory.
+//! A limit on the unpacked size of a compressed file, against files made to exhaust the memory. All parts of a file
+//! share one allowance.
 
 use super::error::{Place, ReadError};
 use std::cell::Cell;

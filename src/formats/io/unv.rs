@@ -2,6 +2,8 @@
 //!
 //! Nodes (datasets 15, 781, 2411), elements (780, 2412) and groups (2417 to 2477) are read; units (164)
 //! produce a note. All other datasets are ignored; lines, springs and masses are counted and skipped. A file
+//!
+//! A dataset is a line of -1, its number, records and a line of -1. Records are read by words, not by columns.
 //! without groups has one per physical property. Second-order elements alternate corners and mid nodes.
 
 mod table;
@@ -65,10 +67,12 @@ struct File<'a> {
 }
 
 impl File<'_> {
+    /// The next line, trimmed; `None` at the end of the file.
     fn line(&mut self) -> Result<Option<String>, ReadError> {
         Ok(self.source.line()?.map(|l| l.trim().to_owned()))
     }
 
+    /// The next line; the end of the file is an error, where `what` is expected.
     fn needed(&mut self, what: &str) -> Result<String, ReadError> {
         match self.line()? {
             Some(line) => Ok(line),
@@ -90,7 +94,7 @@ impl File<'_> {
         line.split_whitespace().map(parse).collect()
     }
 
-    /// A point of three numbers.
+    /// A point of three numbers, also with Fortran exponents.
     fn point<'w>(&self, words: impl Iterator<Item = &'w str>) -> Result<[f64; 3], ReadError> {
         let mut at = [0.0; 3];
         let mut count = 0;
@@ -108,7 +112,7 @@ impl File<'_> {
         Ok(at)
     }
 
-    /// Reads a dataset by its number, up to its end.
+    /// Reads a dataset by its number, up to its end; the line of -1 before it has been read.
     fn dataset(&mut self) -> Result<(), ReadError> {
         let line = self.needed("the number of a dataset")?;
         let code = line.split_whitespace().next().unwrap_or("");
@@ -136,6 +140,7 @@ impl File<'_> {
         }
     }
 
+    /// Nodes of datasets 781 and 2411: number and systems on one line, coordinates on the next.
     fn nodes(&mut self) -> Result<(), ReadError> {
         while let Some(line) = self.record("a node or -1")? {
             let head = self.whole(&line, "a node's number and systems")?;
@@ -166,6 +171,7 @@ impl File<'_> {
         Ok(())
     }
 
+    /// A number from 1; a missing one is an error.
     fn number(&self, found: Option<&i64>, what: &str) -> Result<u64, ReadError> {
         let found = found.copied().unwrap_or(0);
         match u64::try_from(found) {
@@ -174,7 +180,8 @@ impl File<'_> {
         }
     }
 
-    /// Elements, whose head has `width` numbers per property table.
+    /// Elements, whose head has `width` numbers per property table: number, type, property, material, colour, number of
+    /// nodes; their nodes follow on further lines.
     fn elements(&mut self, width: usize) -> Result<(), ReadError> {
         while let Some(line) = self.record("an element or -1")? {
             let head = self.whole(&line, "an element's head of whole numbers")?;
@@ -186,6 +193,7 @@ impl File<'_> {
             let (code, property) = (head[1], head[1 + width]);
             let count = self.number(head.last(), "a number of nodes")?;
             let mut nodes: Vec<u64> = Vec::new();
+            // Beams have an orientation line before their nodes.
             let mut orientation = BEAM_TYPES.contains(&code);
             while (nodes.len() as u64) < count {
                 let line = self.needed("the nodes of an element")?;
@@ -207,7 +215,8 @@ impl File<'_> {
         Ok(())
     }
 
-    /// Adds an element; `code` is its type in the file, `property` its physical property.
+    /// Adds an element; `code` is its type in the file, `property` its physical property, `nodes` are in the file's
+    /// order.
     fn element(
         &mut self,
         number: u64,
@@ -246,6 +255,7 @@ impl File<'_> {
         Ok(())
     }
 
+    /// Notes the name of the units (dataset 164); nothing is converted.
     fn units(&mut self) -> Result<(), ReadError> {
         let Some(line) = self.record("units or -1")? else {
             return Ok(());
@@ -260,7 +270,8 @@ impl File<'_> {
         Ok(())
     }
 
-    /// Groups; each member has `width` numbers, the first two of them type and number.
+    /// Groups; each member has `width` numbers, the first two of them type and number. Members of other types than
+    /// elements are left out.
     fn groups(&mut self, width: usize) -> Result<(), ReadError> {
         /// The type of finite elements.
         const ELEMENT: i64 = 8;
@@ -298,7 +309,7 @@ impl File<'_> {
         Ok(())
     }
 
-    /// Adds the groups, or without any one per physical property, and builds the elements.
+    /// Adds the groups, or without any one per physical property from 1 on, and builds the elements.
     fn finish(mut self) -> Result<ElementFile, ReadError> {
         if self.groups.iter().all(|(_, members)| members.is_empty()) {
             let mut by_property: HashMap<u64, Vec<u32>> = HashMap::new();

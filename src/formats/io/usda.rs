@@ -32,7 +32,7 @@ struct Geometry {
 struct Part {
     name: String,
     points: Vec<Vec3>,
-    /// Numbers of corners of faces; tets have four.
+    /// Numbers of corners of the elements: of faces any, of tets four.
     counts: Vec<usize>,
     /// Corners as places among its points.
     corners: Vec<u32>,
@@ -90,7 +90,7 @@ pub(super) fn read(path: &Path) -> Result<ElementFile, ReadError> {
     collector.finish(|_| None)
 }
 
-/// Reads the polygons of a file; those of tets are their outer faces.
+/// Reads the polygons of a file; `None` for a file with tets, whose outer faces the caller takes.
 pub(super) fn read_soup(path: &Path) -> Result<Option<Soup>, ReadError> {
     let layer = Layer::open(path)?;
     let geometry = Geometry::of(&layer, None)?;
@@ -100,7 +100,7 @@ pub(super) fn read_soup(path: &Path) -> Result<Option<Soup>, ReadError> {
     geometry.soup(&layer).map(Some)
 }
 
-/// What a layer states of its lengths.
+/// A note on what a layer states of its lengths, if it does.
 fn unit_note(layer: &Layer) -> Option<String> {
     let metres = layer.metadata.get("metersPerUnit")?.numbers().first()?;
     Some(format!(
@@ -160,7 +160,7 @@ impl MovingPoints {
 }
 
 impl Prim {
-    /// Appends the time codes at which meshes below change.
+    /// Appends the time codes at which the points or the placement of this prim and those below change.
     fn sample_times(&self, times: &mut Vec<f64>) {
         for (name, property) in &self.properties {
             if name == "points" || name.starts_with("xformOp:") {
@@ -172,7 +172,7 @@ impl Prim {
         }
     }
 
-    /// The words of a property.
+    /// The first word of a property; `None` if it is absent or has numbers.
     fn word(&self, name: &str, time: Option<f64>) -> Option<String> {
         let value = place::value_at(self.properties.get(name)?, time)?;
         value.words().first().cloned()
@@ -210,7 +210,7 @@ impl Geometry {
         Ok(all)
     }
 
-    /// Adds a prim and those below it.
+    /// Adds a prim and those below it; `parent` is the map of the prim around it to the world.
     fn add(
         &mut self,
         layer: &Layer,
@@ -260,7 +260,7 @@ impl Geometry {
         Ok(())
     }
 
-    /// The types of prims that are left out, in words.
+    /// The note on prims that are left out, if there are any.
     fn hidden_text(&self) -> Option<String> {
         let count = self.hidden;
         (count > 0)
@@ -301,7 +301,7 @@ impl Geometry {
 type Fault = (u64, String, String);
 
 impl Part {
-    /// A mesh prim under a map, at a time code if there is one.
+    /// A mesh prim under a map to the world, at a time code if there is one. The error has a line.
     fn of(prim: &Prim, map: &Matrix4<f64>, time: Option<f64>) -> Result<Self, Fault> {
         let line_of = |name: &str| prim.properties.get(name).map_or(prim.line, |p| p.line);
         let is_solid = prim.kind == "TetMesh";
@@ -390,7 +390,7 @@ impl Part {
         Ok(part)
     }
 
-    /// Adds a subset as a group, if its members are elements of the type.
+    /// Adds a subset as a group, if its members are elements of the type (`face` or `tetrahedron`).
     fn add_group(&mut self, subset: &Prim, element_type: &str) -> Result<(), Fault> {
         if subset
             .word("elementType", None)
@@ -411,7 +411,7 @@ impl Part {
         Ok(())
     }
 
-    /// Velocities and primvars with a value for every point or every element.
+    /// Adds velocities and primvars with a value for every point or every element as fields; others are passed.
     fn add_fields(&mut self, prim: &Prim, map: &Matrix4<f64>, time: Option<f64>) {
         for (name, property) in &prim.properties {
             let own = name.strip_prefix("primvars:");
@@ -456,7 +456,7 @@ impl Part {
     }
 }
 
-/// Numbers below a limit as indices, or the first that is none.
+/// Numbers from 0, below a limit, as indices; the error is the first that is none.
 fn whole_numbers(numbers: &[f64], limit: usize) -> Result<Vec<u32>, String> {
     let read = |x: &f64| {
         let is_whole = x.fract() == 0.0 && *x >= 0.0 && *x < limit as f64;
@@ -467,7 +467,7 @@ fn whole_numbers(numbers: &[f64], limit: usize) -> Result<Vec<u32>, String> {
     numbers.iter().map(read).collect()
 }
 
-/// The fields that all parts have, their values one after the other.
+/// The fields that all parts have (by name, place and components), their values one after the other.
 fn common_fields(parts: &[Part]) -> Vec<DataField> {
     let Some((first, others)) = parts.split_first() else {
         return Vec::new();

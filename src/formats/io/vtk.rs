@@ -61,6 +61,7 @@ impl VtkFile {
 /// The cells of a file: types, and the ends of their node lists.
 struct Cells<'a> {
     types: &'a [i64],
+    /// Where the nodes of each cell end in `nodes`; they begin where those of the cell before end.
     ends: &'a [i64],
     nodes: &'a [i64],
     /// Coordinates of the points, three each.
@@ -70,7 +71,8 @@ struct Cells<'a> {
 }
 
 impl Cells<'_> {
-    /// Passes the cells to the collector. Points are numbered from `first_point`, cells from `first_cell`.
+    /// Passes the cells to the collector. Points are numbered from `first_point`, cells from `first_cell`, so that
+    /// pieces of a file follow one another.
     fn collect(
         &self,
         path: &Path,
@@ -149,8 +151,8 @@ impl Cells<'_> {
         Ok(())
     }
 
-    /// The deviation of a triangle's middle node from the quadratic face of a triquadratic pyramid, if it is too
-    /// large. Missing nodes are reported later.
+    /// The deviation of a triangle's middle node from the quadratic face of a triquadratic pyramid with the nodes
+    /// `own`, if it is too large, in the unit of the file. Missing nodes are reported later.
     fn middle_deviation(&self, own: &[i64]) -> Option<f64> {
         let point = |n: i64| -> Option<Vec3> {
             let first = usize::try_from(n).ok()?.checked_mul(3)?;
@@ -172,7 +174,8 @@ impl Cells<'_> {
         Some(off.fold(0.0, f64::max)).filter(|off| *off > tolerance)
     }
 
-    /// Refuses Lagrange cells whose degrees, three numbers per cell, do not match the kind.
+    /// Refuses Lagrange cells whose degrees along three axes, three numbers per cell in `degrees`, do not match the
+    /// kind.
     fn check_degrees(
         &self,
         path: &Path,
@@ -204,7 +207,8 @@ impl Cells<'_> {
     }
 }
 
-/// Passes a polygon or a strip to the collector as triangles or as a quad.
+/// Passes a polygon or a strip with these nodes to the collector as triangles or as a quad, all with the number of the
+/// cell.
 fn flat(number: u64, cell_type: u8, nodes: &[u64], collector: &mut Collector) {
     let mut add = |kind, nodes: &[u64]| collector.element(number, kind, nodes, &[]);
     match nodes {

@@ -17,6 +17,7 @@ const ROUNDING_TOLERANCE: f64 = 1e-9;
 /// Greatest number of elements that a note names.
 const MAX_NAMED_ELEMENTS: usize = 5;
 
+/// A hash that is the same in every run.
 fn hash(key: impl Hash) -> u64 {
     let mut hasher = DefaultHasher::new();
     key.hash(&mut hasher);
@@ -30,7 +31,7 @@ fn sorted_by_hash(hashes: impl Iterator<Item = u64>) -> Vec<(u64, u32)> {
     all
 }
 
-/// For each node, the first node with the same coordinates.
+/// For each node, the first node with the same coordinates, itself if there is none before it.
 fn merged_node_indices(nodes: &[Vec3]) -> Vec<u32> {
     // Minus zero is zero.
     let key = |v: &Vec3| [v.x, v.y, v.z].map(|c| (c + 0.0).to_bits());
@@ -38,6 +39,7 @@ fn merged_node_indices(nodes: &[Vec3]) -> Vec<u32> {
     let mut first: Vec<u32> = (0..nodes.len() as u32).collect();
     for group in hashes.chunk_by(|a, b| a.0 == b.0) {
         for &(_, n) in &group[1..] {
+            // Equal hashes are compared by their keys; a node finds itself at the latest.
             let own = key(&nodes[n as usize]);
             let same = group.iter().find(|g| key(&nodes[g.1 as usize]) == own);
             first[n as usize] = same.map_or(n, |g| g.1);
@@ -47,7 +49,9 @@ fn merged_node_indices(nodes: &[Vec3]) -> Vec<u32> {
 }
 
 impl Collector<'_> {
-    /// The duplicate elements by index, each with the index of the first one; adds a note.
+    /// The duplicate elements by index, each with the index of the first one; adds a note. `elements` are the kept ones
+    /// over `nodes`, and `kept` holds their indices in the file. An error for elements with the same corners and
+    /// another shape.
     pub(super) fn duplicates(
         &mut self,
         nodes: &[Vec3],
@@ -58,6 +62,7 @@ impl Collector<'_> {
         // list them.
         let places = merged_node_indices(nodes);
         let corners = |e: usize| {
+            // Eight is the greatest number of corners; the rest is filled alike.
             let mut own = [u32::MAX; 8];
             let count = elements.kind(e).corner_count();
             for (to, &n) in own.iter_mut().zip(&elements.nodes(e)[..count]) {
@@ -134,7 +139,8 @@ impl Collector<'_> {
     }
 }
 
-/// Whether two elements with the same corners also have the same other nodes.
+/// Whether two elements with the same corners are of one kind and also have the same other nodes, up to a share of the
+/// length of two of their edges.
 fn has_same_nodes(pair: [u32; 2], nodes: &[Vec3], elements: &Connectivity) -> bool {
     let [a, b] = pair.map(|e| elements.nodes(e as usize));
     let [k, l] = pair.map(|e| elements.kind(e as usize));

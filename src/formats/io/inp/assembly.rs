@@ -22,11 +22,13 @@ const MAX_COPIED_ITEMS: usize = 1 << 24;
 /// Greatest number of names listed in a message.
 const MAX_LISTED: usize = 5;
 
+/// A part of a deck: nodes and elements in coordinates of its own.
 pub(super) struct Part {
     pub name: String,
     pub model: Model,
 }
 
+/// A part placed in the assembly.
 pub(super) struct Instance {
     pub name: String,
     /// The part's name in capitals; empty without a part.
@@ -67,13 +69,13 @@ struct PlacedModel<'a> {
 }
 
 impl Assembly {
-    /// The index of an instance.
+    /// The index of an instance by its name, whatever its capitals.
     pub fn instance(&self, name: &str) -> Option<usize> {
         let has_name = |i: &Instance| i.name.to_uppercase() == name.to_uppercase();
         self.instances.iter().position(has_name)
     }
 
-    /// The nodes and elements of an instance.
+    /// The nodes and elements of an instance: its own, else those of its part; `None` if there is no such part.
     fn model_of<'a>(&'a self, instance: &'a Instance) -> Option<&'a Model> {
         let part = self.parts.get(&instance.part).map(|p| &p.model);
         instance.own_model.as_ref().or(part)
@@ -91,7 +93,8 @@ impl Assembly {
             .get_or_insert_with(|| part.map(|p| p.model.clone()).unwrap_or_default())
     }
 
-    /// The part of an assembly's set that lies in one instance.
+    /// The members of an assembly's set in one instance, or for `None` in the assembly itself; made if new. Lines of
+    /// one instance in sequence share an entry.
     pub fn set(&mut self, name: &str, instance: Option<usize>) -> &mut Set {
         let scoped = self.sets.entry(name.to_uppercase()).or_default();
         if scoped.name.is_empty() {
@@ -104,7 +107,8 @@ impl Assembly {
         &mut scoped.sets[last].1
     }
 
-    /// Passes all nodes, elements and groups to the collector.
+    /// Passes all nodes, elements and groups to the collector. The error is an unknown part or set, too many copies, or
+    /// a node that an element names and its model lacks.
     pub fn collect(mut self, path: &Path, collector: &mut Collector) -> Result<(), ReadError> {
         if self.instances.is_empty() {
             self.place_parts(collector);
@@ -208,7 +212,7 @@ impl Assembly {
     }
 
     /// Passes the sets of all models and of the assembly to the collector as groups; the file head has the rule for
-    /// their names.
+    /// their names. Members that are no elements are counted in a warning.
     fn groups(
         &self,
         path: &Path,
@@ -266,7 +270,8 @@ impl Assembly {
         Ok(())
     }
 
-    /// The elements of a set of the assembly.
+    /// The elements of a set of the assembly by their index among all elements; those without volume or surface are
+    /// left out.
     fn scoped(
         &self,
         set: &AssemblySet,
@@ -327,7 +332,7 @@ impl Assembly {
     }
 }
 
-/// The numbers of the elements of a set of a model.
+/// The numbers of the elements of a set of a model; an error for a set that does not exist.
 fn members(placed: &PlacedModel, name: &str, path: &Path) -> Result<Vec<u64>, ReadError> {
     let model = placed.model;
     let known = &model.element_places;
@@ -335,6 +340,7 @@ fn members(placed: &PlacedModel, name: &str, path: &Path) -> Result<Vec<u64>, Re
     found.map_err(|inner| no_set(&inner, name, path))
 }
 
+/// The error for the element set `inner`, which the set `name` refers to.
 fn no_set(inner: &str, name: &str, path: &Path) -> ReadError {
     let found = format!("element set {} in {}", quote(inner), quote(name));
     ReadError::data(path, Place::File, found, "a set of the deck")
@@ -355,7 +361,8 @@ impl Missing {
         }
     }
 
-    /// The indices of elements among all elements.
+    /// The indices of elements among all elements, by their numbers in a model; members of `set` that do not exist are
+    /// counted, skipped elements are not.
     fn places(&mut self, placed: &PlacedModel, numbers: &[u64], set: &str) -> Vec<u32> {
         let known = &placed.model.element_places;
         let places: Vec<u32> = numbers
@@ -370,6 +377,7 @@ impl Missing {
         places.into_iter().map(|p| p + placed.first).collect()
     }
 
+    /// One warning for all missing members.
     fn warn(&self, collector: &mut Collector) {
         if self.count > 0 {
             let names: Vec<String> = self
@@ -387,7 +395,7 @@ impl Missing {
     }
 }
 
-/// The shift of the element numbers of each model.
+/// The shift of the element numbers of each model, all 0 where no numbers overlap; otherwise a note names the shifts.
 fn number_shifts(models: &[PlacedModel], collector: &mut Collector) -> Vec<u64> {
     // Without overlap all numbers stay. Otherwise a step with more digits than the largest number keeps the
     // digits of the deck.
@@ -419,7 +427,8 @@ fn number_shifts(models: &[PlacedModel], collector: &mut Collector) -> Vec<u64> 
     shifts
 }
 
-/// Passes nodes and elements to the collector. Those of a single model keep their numbers.
+/// Passes nodes and elements to the collector. Those of a single model keep their numbers; otherwise nodes are numbered
+/// through, from `points` on, which counts on. `shift` is added to element numbers.
 fn add_to_collector(
     placed: &PlacedModel,
     path: &Path,
@@ -464,7 +473,7 @@ fn add_to_collector(
     Ok(())
 }
 
-/// Notes the number of elements without volume or surface, by type.
+/// Counts elements without volume or surface as skipped and notes their number by type.
 fn note_skipped(models: &[PlacedModel], collector: &mut Collector) {
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     for kind in models.iter().flat_map(|p| p.model.skipped.values()) {

@@ -1,4 +1,8 @@
 //! The start of a section: what each keyword does.
+//!
+//! A keyword either begins a section, whose data lines follow, or takes effect at once and its data are ignored. The
+//! name and the keys of a keyword are in capitals without blanks here. A new keyword is an arm of `begin` and an entry
+//! in the table of read keywords.
 
 use super::assembly::{Instance, Part};
 use super::copy::{Ncopy, elcopy};
@@ -14,7 +18,8 @@ use crate::io::error::ReadError;
 use crate::io::source::{Source, quote};
 
 impl Deck<'_> {
-    /// The section that a keyword begins; some keywords take effect at once.
+    /// The section that a keyword begins; some keywords take effect at once. An error for parameters that would change
+    /// the geometry in an unsupported way.
     pub(super) fn begin(&mut self, k: &Keyword, source: &Source) -> Result<Section, ReadError> {
         let owned = |key: &str| k.get(key).map(str::to_owned);
         let has_system = self.system.is_some();
@@ -93,6 +98,7 @@ impl Deck<'_> {
         }
     }
 
+    /// The index of an instance that has been given before.
     fn instance(&self, name: &str, source: &Source) -> Result<usize, ReadError> {
         let place = self.assembly.instance(name);
         place.ok_or_else(|| {
@@ -101,7 +107,7 @@ impl Deck<'_> {
         })
     }
 
-    /// Begins a node set.
+    /// Begins a node set, which is made even without data lines; `ELSET=` adds the nodes of elements at once.
     fn begin_nset(&mut self, k: &Keyword, source: &Source) -> Result<Section, ReadError> {
         // Only generating keywords use node sets, and they occur in parts.
         if k.has("INSTANCE") {
@@ -122,7 +128,8 @@ impl Deck<'_> {
         Ok(Section::Nset { name, generate })
     }
 
-    /// Begins or ends a part, an instance or the assembly.
+    /// Begins or ends a part, an instance or the assembly: sets the scope that later nodes and elements go to, and ends
+    /// the coordinate system of `*SYSTEM`.
     fn begin_scope(&mut self, k: &Keyword, source: &Source) -> Result<Section, ReadError> {
         self.system = None;
         let mut section = Section::Ignored;
@@ -158,6 +165,7 @@ impl Deck<'_> {
                     // Every instance without part counts as a part of its own.
                     own_model: part.is_empty().then(Model::default),
                     part: if part.is_empty() {
+                        // The blank keeps this key apart from those of parts.
                         format!(" {name}")
                     } else {
                         part
@@ -174,7 +182,7 @@ impl Deck<'_> {
         Ok(section)
     }
 
-    /// Handles a keyword that is not read.
+    /// Handles a keyword that is not read: an error if it may change geometry or looks misspelled, else it is counted.
     fn begin_other(&mut self, name: &str, source: &Source) -> Result<Section, ReadError> {
         let written = format!("the keyword {}", quote(&format!("*{name}")));
         match names::classify(name) {
@@ -190,6 +198,7 @@ impl Deck<'_> {
                     .with_hint(format!("did you mean *{known}?")));
             }
             UnreadKeyword::Skipped => {
+                // Names in the note are short and without control characters, whatever the file has.
                 let name: String = name.escape_debug().take(40).collect();
                 *self.skipped.entry(name).or_default() += 1;
             }

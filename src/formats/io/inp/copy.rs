@@ -1,4 +1,7 @@
 //! Keywords that copy nodes and elements: *NCOPY, *ELCOPY, and the copies of *ELGEN.
+//!
+//! Copies are added to the model of the current part, and counted in `generated`, which limits them. `source` is the
+//! place for messages.
 
 use super::generate::{Generated, node, owned, shifted_number};
 use super::keyword::Keyword;
@@ -8,8 +11,8 @@ use crate::io::error::ReadError;
 use crate::io::source::{Source, quote};
 use druse_geometry::frame::Vec3;
 
-/// Copies an element, with `shift` added to its number and `of_nodes` to those of its nodes. Returns the number of
-/// the copy.
+/// Copies element `number`, with `shift` added to its number and `of_nodes` to those of its nodes, which have to exist.
+/// Returns the number of the copy.
 pub(super) fn copy_element(
     model: &mut Model,
     number: u64,
@@ -41,7 +44,7 @@ pub(super) fn copy_element(
     Ok(new_number)
 }
 
-/// *ELCOPY: copies the elements of a set with shifted numbers.
+/// *ELCOPY: copies the elements of a set with shifted numbers; `NEWSET` is a set that they join.
 ///
 /// REFLECT reverses the order of nodes to keep volumes positive. Readers accept both orientations, so it has
 /// no effect here.
@@ -75,7 +78,8 @@ pub(super) fn elcopy(
     Ok(())
 }
 
-/// *NCOPY and its data lines.
+/// *NCOPY and its data lines: the set to copy, the set that copies join, what is added to node numbers per copy, the
+/// number of copies, and how they are moved.
 pub(super) struct Ncopy {
     old: String,
     new: Option<String>,
@@ -87,10 +91,15 @@ pub(super) struct Ncopy {
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum CopyMode {
+    /// By a translation and a rotation.
     Shift,
+    /// Turned by 180 degrees about an axis through two points.
     Line,
+    /// Reflected in the plane of three points.
     Mirror,
+    /// Reflected in a point.
     Point,
+    /// Moved away from a point, to twice the distance.
     Pole,
 }
 
@@ -138,7 +147,7 @@ impl Ncopy {
         })
     }
 
-    /// Makes the copies; `source` is at the last data line, for errors.
+    /// Makes the copies in `model` from the data lines of the keyword; `source` is at the last data line, for errors.
     pub fn make(
         &self,
         lines: &[Vec<f64>],

@@ -1,4 +1,7 @@
 //! Keywords that generate nodes and elements from others: *NGEN, *NFILL, *ELGEN.
+//!
+//! Each data line of such a keyword is a rule of its own. New nodes and elements are added to the model of the current
+//! part and to the keyword's set; `generated` counts them for the whole deck, and `source` is the place for messages.
 
 use super::copy::copy_element;
 use super::keyword::{Keyword, MAX_NUMBER, real, signed, whole};
@@ -18,6 +21,7 @@ const RADIUS_TOLERANCE: f64 = 1e-3;
 pub(super) struct Generated(u64);
 
 impl Generated {
+    /// Counts further items; an error once there are too many. They are counted before they are made.
     pub fn add(&mut self, count: u64, source: &Source) -> Result<(), ReadError> {
         self.0 = self.0.saturating_add(count);
         if self.0 <= MAX_GENERATED {
@@ -54,6 +58,7 @@ enum CurveKind {
     Circle,
 }
 
+/// The value of a parameter, if it is given.
 pub(super) fn owned(keyword: &Keyword, key: &str) -> Option<String> {
     keyword.get(key).map(str::to_owned)
 }
@@ -100,7 +105,7 @@ impl Rule {
         }))
     }
 
-    /// Processes a data line.
+    /// Processes a data line, given as its fields.
     pub fn line(
         &self,
         words: &[&str],
@@ -118,7 +123,7 @@ impl Rule {
     }
 }
 
-/// A whole number in a field that may be empty.
+/// A whole number in the field `place` (from 0), which may be empty: then `default`.
 fn field(words: &[&str], place: usize, default: i64, source: &Source) -> Result<i64, ReadError> {
     match words.get(place) {
         None | Some(&"") => Ok(default),
@@ -126,7 +131,7 @@ fn field(words: &[&str], place: usize, default: i64, source: &Source) -> Result<
     }
 }
 
-/// Three numbers from a field on, unless all are empty.
+/// Three numbers from the field `place` (from 0) on; `None` if all are empty, 0 for single empty ones.
 fn point(words: &[&str], place: usize, source: &Source) -> Result<Option<[f64; 3]>, ReadError> {
     let own = words.get(place..).unwrap_or(&[]);
     if own.iter().take(3).all(|w| w.is_empty()) {
@@ -139,7 +144,7 @@ fn point(words: &[&str], place: usize, source: &Source) -> Result<Option<[f64; 3
     Ok(Some(at))
 }
 
-/// A number plus an increment.
+/// A number plus an increment, if it is a valid number of a node or element.
 pub(super) fn shifted_number(
     number: u64,
     increment: i64,
@@ -154,6 +159,7 @@ pub(super) fn shifted_number(
     })
 }
 
+/// The coordinates of a node that has been given before.
 pub(super) fn node(model: &Model, number: u64, source: &Source) -> Result<Vec3, ReadError> {
     let known = model.node(number);
     known.ok_or_else(|| {
@@ -163,7 +169,8 @@ pub(super) fn node(model: &Model, number: u64, source: &Source) -> Result<Vec3, 
 }
 
 impl Ngen {
-    /// One data line: nodes between two given ones, equally spaced along the curve.
+    /// One data line: nodes between two given ones, equally spaced along the curve. Fields: first node, last node,
+    /// increment, then for curves a node or a point, and a normal.
     fn line(
         &self,
         words: &[&str],
@@ -208,7 +215,8 @@ impl Ngen {
         Ok(())
     }
 
-    /// The middle of a parabola or the centre of an arc, given as a node or a point.
+    /// The middle of a parabola or the centre of an arc, given as a node (field 4) or a point (fields 5 to 7); `None`
+    /// if both are missing.
     fn extra(
         &self,
         words: &[&str],
@@ -232,7 +240,8 @@ impl Ngen {
         Ok(Some(self.coordinates.point(at)))
     }
 
-    /// The curve, parametrised from 0 at the first node to 1 at the last.
+    /// The curve from `a` to `b`, parametrised from 0 at the first node to 1 at the last. `extra` is the middle of a
+    /// parabola or the centre of an arc, `normal` the axis of the arc.
     fn curve(
         &self,
         [a, b]: [Vec3; 2],
@@ -273,6 +282,7 @@ impl Ngen {
             let found = "an arc of 0 or 180 degrees without a normal";
             return Err(source.bad(found, "the normal of its plane, fields 8 to 10"));
         };
+        // Right-handed: a negative angle, or 0 between equal ends, takes the long way round.
         let mut angle = from.cross(&to).dot(&axis).atan2(from.dot(&to));
         if angle <= 1e-12 {
             angle += std::f64::consts::TAU;
@@ -288,7 +298,8 @@ impl Ngen {
     }
 }
 
-/// *NFILL: nodes between two sets. Fields: first set, second set, number of intervals, increment.
+/// *NFILL: nodes between two sets, pair by pair. Fields: first set, second set, number of intervals, increment of node
+/// numbers. `set` is a set that all nodes join, `bias` the ratio of the lengths of neighbouring intervals.
 fn fill(
     set: Option<&str>,
     bias: f64,
@@ -346,7 +357,7 @@ fn fill(
 }
 
 /// *ELGEN: rows and layers of elements. Fields: master element, then for each of three directions the count and
-/// the increments of node and element numbers.
+/// the increments of node and element numbers. The master is its own first copy and joins `set` too.
 fn elgen(
     set: Option<&str>,
     words: &[&str],

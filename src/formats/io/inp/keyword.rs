@@ -1,4 +1,7 @@
 //! Keyword lines and the fields of data lines.
+//!
+//! `*NAME, KEY=VALUE, KEY`: names and keys ignore case and blanks, values may be quoted. `source` in all functions is
+//! the place for messages; `what` names what is expected.
 
 use crate::io::error::ReadError;
 use crate::io::source::{Source, quote};
@@ -57,6 +60,7 @@ impl Keyword {
         }
     }
 
+    /// Whether a parameter is given, with or without a value.
     pub fn has(&self, key: &str) -> bool {
         self.parameters.contains_key(key)
     }
@@ -67,6 +71,7 @@ impl Keyword {
         value.filter(|v| !v.is_empty())
     }
 
+    /// The value of a parameter that has to be given.
     pub fn needed(&self, key: &str, what: &str, source: &Source) -> Result<&str, ReadError> {
         self.get(key).ok_or_else(|| {
             let expected = format!("{key}=, {what}");
@@ -74,7 +79,7 @@ impl Keyword {
         })
     }
 
-    /// The value of an integer parameter.
+    /// The value of an integer parameter; `default` if it is missing or empty.
     pub fn whole(&self, key: &str, default: i64, source: &Source) -> Result<i64, ReadError> {
         self.get(key).map_or(Ok(default), |v| {
             signed(v, "a whole number", source).map_err(|_| {
@@ -102,7 +107,7 @@ impl Keyword {
     }
 }
 
-/// The number of a node or an element.
+/// The number of a node or an element, from 0 to the greatest; an empty field is an error.
 pub(super) fn whole(word: &str, what: &str, source: &Source) -> Result<u64, ReadError> {
     let number = word.parse().ok().filter(|n| *n <= MAX_NUMBER);
     number.ok_or_else(|| bad_word(word, what, source))
@@ -126,6 +131,7 @@ pub(super) fn real(word: &str, what: &str, source: &Source) -> Result<f64, ReadE
     read.map_err(|_| bad_word(word, what, source))
 }
 
+/// The error for a field; words such as `<name>` refer to parameters of the deck.
 fn bad_word(word: &str, what: &str, source: &Source) -> ReadError {
     let error = source.bad(quote(word), what);
     if word.starts_with('<') {

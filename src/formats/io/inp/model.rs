@@ -1,4 +1,7 @@
 //! Nodes, elements and sets with common numbering: of a deck without parts, a part or an instance.
+//!
+//! Nodes and elements are kept by number, in the order of the deck; sets are kept as written and resolved when they are
+//! used, since they may name later ones.
 
 use super::keyword::{fields, whole};
 use crate::io::error::{Place, ReadError};
@@ -13,6 +16,7 @@ pub(super) struct Set {
     /// The name as first written.
     pub name: String,
     pub numbers: Vec<u64>,
+    /// First number, last number and step of each range.
     ranges: Vec<[u64; 3]>,
     pub names: Vec<String>,
     /// Whether the order of the members is significant.
@@ -20,7 +24,7 @@ pub(super) struct Set {
 }
 
 impl Set {
-    /// Reads a data line: numbers and names of sets, or with `generate` a range of numbers.
+    /// Reads a data line: numbers and names of sets, or with `generate` a range of numbers (first, last, step).
     pub fn data(&mut self, line: &str, generate: bool, source: &Source) -> Result<(), ReadError> {
         let words = fields(line).into_iter().filter(|w| !w.is_empty());
         if !generate {
@@ -64,6 +68,7 @@ impl Sets {
         set
     }
 
+    /// The set of this name, whatever its capitals.
     pub fn get(&self, name: &str) -> Option<&Set> {
         self.0.get(&name.to_uppercase())
     }
@@ -72,7 +77,8 @@ impl Sets {
         self.0.values()
     }
 
-    /// The members' numbers, nested sets included; ranges contribute the `known` numbers only.
+    /// The members' numbers, nested sets included; ranges contribute the `known` numbers only. They ascend without
+    /// repetition, unless a set among them keeps its order.
     ///
     /// # Errors
     /// The name of a missing set.
@@ -106,6 +112,7 @@ impl Sets {
 /// Nodes, elements and sets with common numbering.
 #[derive(Clone, Default)]
 pub(super) struct Model {
+    /// Indices of nodes by their numbers.
     pub node_places: BTreeMap<u64, u32>,
     pub node_numbers: Vec<u64>,
     pub nodes: Vec<Vec3>,
@@ -113,7 +120,9 @@ pub(super) struct Model {
     pub element_places: BTreeMap<u64, u32>,
     pub element_numbers: Vec<u64>,
     pub kinds: Vec<Kind>,
+    /// The end of each element's nodes in `connectivity`.
     ends: Vec<usize>,
+    /// The node numbers of all elements, one after the other, in the deck's order.
     connectivity: Vec<u64>,
     /// Elements without volume or surface, by number, with their types.
     pub skipped: BTreeMap<u64, String>,
@@ -126,12 +135,13 @@ impl Model {
         self.nodes.is_empty() && self.kinds.is_empty() && self.skipped.is_empty()
     }
 
+    /// The coordinates of a node, if there is one of this number.
     pub fn node(&self, number: u64) -> Option<Vec3> {
         let place = self.node_places.get(&number)?;
         Some(self.nodes[*place as usize])
     }
 
-    /// Adds a node. It may be repeated with the same coordinates.
+    /// Adds a node. It may be repeated with the same coordinates; at another place it is an error.
     pub fn add_node(&mut self, number: u64, at: Vec3, source: &Source) -> Result<(), ReadError> {
         if let Some(known) = self.node(number) {
             if known == at {
@@ -152,14 +162,15 @@ impl Model {
         Ok(())
     }
 
-    /// The nodes of an element, by their numbers.
+    /// The nodes of the element with the index `place`, by their numbers.
     pub fn nodes_of(&self, place: u32) -> &[u64] {
         let place = place as usize;
         let start = if place == 0 { 0 } else { self.ends[place - 1] };
         &self.connectivity[start..self.ends[place]]
     }
 
-    /// Adds an element. It may be repeated: the collector merges duplicates.
+    /// Adds an element with these node numbers in the deck's order. It may be repeated: the collector merges
+    /// duplicates.
     pub fn add_element(
         &mut self,
         number: u64,
@@ -202,7 +213,7 @@ impl Model {
         Ok(())
     }
 
-    /// The members of a node set that a keyword refers to.
+    /// The members of a node set that a keyword refers to; an error for a set that does not exist.
     pub fn node_set(&self, name: &str, source: &Source) -> Result<Vec<u64>, ReadError> {
         let members = self.node_sets.members(name, &self.node_places);
         members.map_err(|inner| no_set("node", &inner, source))
@@ -214,7 +225,7 @@ impl Model {
         members.map_err(|inner| no_set("element", &inner, source))
     }
 
-    /// Adds the nodes of an element set to a node set.
+    /// Adds the nodes of an element set to the node set `set`, which is made if it is new.
     pub fn nodes_of_elements(
         &mut self,
         set: &str,

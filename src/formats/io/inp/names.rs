@@ -46,7 +46,8 @@ pub(super) enum UnreadKeyword {
     Misspelled(&'static str),
 }
 
-/// Classifies a keyword that is not read.
+/// Classifies a keyword that is not read, in capitals without blanks and hyphens. Only keywords that are read count for
+/// misspelling.
 pub(super) fn classify(name: &str) -> UnreadKeyword {
     if REFUSED_KEYWORDS.contains(&name) {
         return UnreadKeyword::Refused;
@@ -58,7 +59,8 @@ pub(super) fn classify(name: &str) -> UnreadKeyword {
     }
 }
 
-/// Whether the words differ by one substituted, missing, added or transposed letter.
+/// Whether the words differ by one substituted, missing, added or transposed letter. The common start and end are cut
+/// off; what remains is at most one letter of each, or two exchanged ones.
 fn differs_by_one_edit(a: &str, b: &str) -> bool {
     let (a, b) = (a.as_bytes(), b.as_bytes());
     let start = a.iter().zip(b).take_while(|(x, y)| x == y).count();

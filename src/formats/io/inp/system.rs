@@ -1,4 +1,4 @@
-//! Coordinate systems of nodes, and motions of copies.
+//! Coordinate systems of nodes, and motions of copies. Angles are in degrees, lengths in the deck's unit.
 
 use crate::io::error::ReadError;
 use crate::io::source::{Source, quote};
@@ -39,6 +39,7 @@ impl Coordinates {
         }
     }
 
+    /// Rectangular coordinates of a point.
     pub fn point(self, [a, b, c]: [f64; 3]) -> Vec3 {
         let (sin_b, cos_b) = sin_cos_degrees(b);
         match self {
@@ -81,7 +82,8 @@ impl Motion {
         }
     }
 
-    /// The right-handed rotation about the axis from `a` to `b`; `None` if they coincide.
+    /// The right-handed rotation about the axis from `a` to `b`, an angle in degrees; `None` if they coincide
+    /// (Rodrigues).
     pub fn rotation(a: Vec3, b: Vec3, degrees: f64) -> Option<Self> {
         let axis = (b - a).try_normalize(1e-300)?;
         let (sin, cos) = sin_cos_degrees(degrees);
@@ -108,9 +110,9 @@ impl Motion {
     }
 
     /// The map from local coordinates of a system given by an origin, a point on the local x axis and a point
-    /// on the side of the local y axis.
+    /// on the side of the local y axis, as up to nine numbers. An origin alone gives a translation.
     ///
-    /// With two points the z axis is unchanged, so both must have the same z coordinate.
+    /// With two points the z axis is unchanged, so both must have the same z coordinate. The error is what is wrong.
     pub fn system(numbers: &[f64]) -> Result<Self, &'static str> {
         // Coordinates that are missing are 0.
         let point = |i: usize| {
@@ -149,6 +151,7 @@ impl Motion {
         }
     }
 
+    /// The image of a point.
     pub fn apply(&self, x: Vec3) -> Vec3 {
         self.linear * x + self.shift
     }

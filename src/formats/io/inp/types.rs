@@ -84,7 +84,8 @@ const NON_VOLUME_STEMS: &[&str] = &[
     "ITS", "ISL", "IRS", "ISP", "FP2D", "FP3D", "FPC2D", "FPC3D",
 ];
 
-/// The meaning of a type in capitals; `None` if unknown.
+/// The meaning of a type in capitals; `None` if unknown. Irregular names come before the scheme of stem, number and
+/// letters.
 pub(super) fn meaning(name: &str) -> Option<Meaning> {
     if let Some((_, kinds)) = IRREGULAR_NAMES.iter().find(|row| row.0 == name) {
         return Some(Meaning::Shape(kinds));
@@ -109,7 +110,8 @@ pub(super) fn meaning(name: &str) -> Option<Meaning> {
     is_non_volume.then_some(Meaning::NonVolume)
 }
 
-/// The permutation from Abaqus' node order to VTK order, where they differ: in C3D27 the centre precedes the
+/// The permutation from Abaqus' node order to VTK order, where they differ: place i in VTK's order is the node at
+/// place `order[i]` of the deck. In C3D27 the centre precedes the
 /// faces, which follow in the order bottom, top, front, right, back, left.
 pub(super) fn node_order(kind: Kind) -> Option<&'static [u8]> {
     const HEX27: [u8; 27] = [

@@ -1,4 +1,7 @@
 //! Keywords and numbers of a Medit file, from text or binary.
+//!
+//! A binary section begins with the code of its keyword and the position of the next one, so that it can be skipped.
+//! Text has neither: a section ends at the next word that is no number.
 
 use super::table::TABLE;
 use crate::io::error::{Place, ReadError};
@@ -20,7 +23,7 @@ const NOT_MEDIT_HINT: &str =
     "is this a Medit mesh (Mmg, Gmsh, FreeFEM)? Other programs use the extension too";
 
 impl Input {
-    /// Opens a file and reads its version.
+    /// Opens a file and reads its version, 1 to 4.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         let mut source = Source::open(path)?;
         // A binary file begins with the number 1, whose bytes show their order.
@@ -32,6 +35,7 @@ impl Input {
         let mut input = Self {
             tokens: Tokens::new(source),
             version: 2,
+            // Binary keywords begin after two numbers of 32 bits.
             next: 8,
         };
         input.tokens.encoding = encoding;
@@ -72,6 +76,7 @@ impl Input {
         }
     }
 
+    /// The path of the file.
     pub fn path(&self) -> &Path {
         self.tokens.source.path()
     }
@@ -111,7 +116,8 @@ impl Input {
         self.tokens.double(what)
     }
 
-    /// The number of entries of a section, `words` numbers each; checked against the size of the file.
+    /// The number of entries of a section, `words` numbers each; checked against the size of the file, four bytes a
+    /// number at least.
     pub fn count(&mut self, words: u64, what: &str) -> Result<usize, ReadError> {
         let claimed = self.int(&format!("the number of {what}"))?;
         let Ok(claimed) = u64::try_from(claimed) else {
@@ -120,8 +126,8 @@ impl Input {
         self.tokens.count(claimed, words, 4 * words, what)
     }
 
-    /// The next keyword, in binary files its code as text if unknown; `None` at the end of a text file. Skips the
-    /// rest of the current section of a binary file.
+    /// The next keyword, in binary files its code as text if unknown; `None` at the end of a text file. A binary file
+    /// ends with the keyword `End`. Skips the rest of the current section of a binary file.
     pub fn keyword(&mut self) -> Result<Option<String>, ReadError> {
         if !self.is_binary() {
             return Ok(self.tokens.next_word()?.map(str::to_owned));

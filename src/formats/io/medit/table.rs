@@ -1,4 +1,7 @@
 //! Medit's keywords: codes in binary files and meanings.
+//!
+//! A keyword that is not here is an error in text and skipped in binary files. Two names of one kind are those of
+//! different programs.
 
 use druse_tilings::scaffold::Kind;
 

@@ -1,7 +1,7 @@
 //! Data at nodes and elements: `$NodeData` and `$ElementData`, equal in versions 2 and 4.
 //!
-//! The last of several time steps is used. Missing values are NaN. `$ElementNodeData` is ignored. Notes
-//! report each case.
+//! A section has three lists of tags (text, reals, integers), then a number and its values per node or element. The
+//! last of several time steps is used. Missing values are NaN. `$ElementNodeData` is ignored. Notes report each case.
 
 use super::File;
 use crate::io::collector::Collector;
@@ -39,12 +39,13 @@ struct Head {
     count: u64,
 }
 
-/// A field must have values for at least one in this many nodes or elements.
+/// A field must have values for at least one in this many nodes or elements; a full array of a sparser one would be
+/// mostly NaN.
 const MAX_SPARSITY: usize = 64;
 /// Greatest number of components of a value: a tensor has nine.
 const MAX_COMPONENTS: i64 = 64;
 
-/// Reads a section of data at nodes or elements.
+/// Reads the section named `section` of data at nodes or elements, from the line after its name, without its end.
 pub(super) fn section(file: &mut File, section: &str) -> Result<(), ReadError> {
     let head = head(file)?;
     let each = head.components as u64;
@@ -87,7 +88,7 @@ pub(super) fn section(file: &mut File, section: &str) -> Result<(), ReadError> {
     Ok(())
 }
 
-/// The tags of a section: text, real numbers, whole numbers.
+/// The tags of a section: text, real numbers, whole numbers, each list after its length.
 fn head(file: &mut File) -> Result<Head, ReadError> {
     let mut tags: [Vec<String>; 3] = Default::default();
     let kinds = ["string tags", "real tags", "integer tags"];
@@ -159,7 +160,7 @@ impl Sections {
         place
     }
 
-    /// Passes the fields at nodes to the collector.
+    /// Passes the fields at nodes to the collector, and all notes; `numbers` are those of the nodes in file order.
     pub fn at_points(&mut self, numbers: &[u64], collector: &mut Collector) {
         for field in &mut self.fields {
             if field.at == FieldAt::Points && field.is_too_sparse(numbers.len()) {
@@ -222,6 +223,7 @@ impl Field {
         count / MAX_SPARSITY > self.places.len()
     }
 
+    /// The note on a field that is ignored.
     fn sparse_note(&self) -> String {
         format!(
             "field {} has only {} values and is ignored",
@@ -245,6 +247,7 @@ impl Field {
         (values, missing)
     }
 
+    /// The note on missing values, if there are any.
     fn gap_note(&self, missing: usize, of: usize) -> Option<String> {
         let what = match self.at {
             FieldAt::Points => "nodes",

@@ -1,4 +1,7 @@
 //! Sections of `.msh` versions 1 and 2.
+//!
+//! A count stands on a line of its own, in text too where the section is binary. Version 1 is always text. The first
+//! tag of an element in version 2 is its physical group, 0 for none.
 
 use super::{File, Type};
 use crate::io::error::ReadError;
@@ -11,7 +14,7 @@ pub(super) enum NodeForm {
     Parametric,
 }
 
-/// Reads nodes.
+/// Reads nodes: number, three coordinates, and for parametric ones an entity with its parameters, which are ignored.
 pub(super) fn nodes(file: &mut File, form: NodeForm) -> Result<(), ReadError> {
     let claimed = count_line(file, "the number of nodes")?;
     file.numbers();
@@ -101,6 +104,7 @@ pub(super) fn elements(file: &mut File) -> Result<(), ReadError> {
     Ok(())
 }
 
+/// Reads the tags and nodes of an element of version 2 with this number and type code.
 fn tagged(file: &mut File, [number, code]: [u64; 2], tags: u64) -> Result<(), ReadError> {
     let kind = file.element_type(code, number)?;
     let t = &mut file.tokens;
@@ -141,6 +145,7 @@ fn element(file: &mut File, number: u64, kind: Type, group: i64) -> Result<(), R
     Ok(())
 }
 
+/// A count on a line of its own.
 fn count_line(file: &mut File, what: &str) -> Result<u64, ReadError> {
     let line = file.tokens.needed_line(what)?;
     if let Ok(count) = line.parse() {

@@ -13,6 +13,7 @@ pub(super) type Entities = BTreeMap<(i64, i64), Vec<i64>>;
 /// Greatest number of physical groups of one entity.
 const MAX_GROUPS_PER_ENTITY: usize = 256;
 
+/// Reads the entities (points, curves, surfaces, volumes) and keeps their physical groups.
 pub(super) fn entities(file: &mut File) -> Result<(), ReadError> {
     file.numbers();
     let counts = entity_counts(file)?;
@@ -49,6 +50,7 @@ pub(super) fn partitioned_entities(file: &mut File) -> Result<(), ReadError> {
     Ok(())
 }
 
+/// The numbers of points, curves, surfaces and volumes.
 fn entity_counts(file: &mut File) -> Result<[usize; 4], ReadError> {
     let mut counts = [0; 4];
     for count in &mut counts {
@@ -58,7 +60,8 @@ fn entity_counts(file: &mut File) -> Result<[usize; 4], ReadError> {
     Ok(counts)
 }
 
-/// Reads the data of an entity: its bounding box (the position of a point), physical groups, boundary.
+/// Reads the data of an entity of this dimension and number: its bounding box (the position of a point), physical
+/// groups, boundary.
 fn entity(file: &mut File, dimension: usize, tag: i64) -> Result<(), ReadError> {
     let is_position = dimension == 0 && file.version != Version::Four0;
     for _ in 0..if is_position { 3 } else { 6 } {
@@ -80,6 +83,7 @@ fn entity(file: &mut File, dimension: usize, tag: i64) -> Result<(), ReadError> 
     Ok(())
 }
 
+/// A list of whole numbers after its length.
 fn ints(file: &mut File, what: &str) -> Result<Vec<i64>, ReadError> {
     let claimed = file.tokens.size(what)?;
     let count = file.tokens.count(claimed, 1, 4, what)?;
@@ -123,7 +127,8 @@ fn block_count(file: &mut File, left: &mut u64, what: &str) -> Result<u64, ReadE
     Ok(count)
 }
 
-/// The number of blocks and the total number of items; 4.1 adds the least and the greatest item number.
+/// The number of blocks and the total number of items; 4.1 adds the least and the greatest item number. `words` is the
+/// least number of numbers of an item, for the check against the size of the file.
 fn block_counts(file: &mut File, what: &str, words: u64) -> Result<(usize, u64), ReadError> {
     let bytes = 4 * words;
     let t = &mut file.tokens;
@@ -137,6 +142,7 @@ fn block_counts(file: &mut File, what: &str, words: u64) -> Result<(usize, u64),
     Ok((t.count(blocks, 4, 20, "blocks")?, claimed))
 }
 
+/// Checks that the blocks hold as many items as the section claims; `left` are missing.
 fn check_complete(file: &File, left: u64, claimed: u64, what: &str) -> Result<(), ReadError> {
     if left == 0 {
         return Ok(());
@@ -184,6 +190,7 @@ pub(super) fn nodes(file: &mut File) -> Result<(), ReadError> {
     Ok(())
 }
 
+/// Reads the elements, block by block of one entity and one type.
 pub(super) fn elements(file: &mut File) -> Result<(), ReadError> {
     file.numbers();
     let (blocks, claimed) = block_counts(file, "elements", 2)?;

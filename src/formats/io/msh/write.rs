@@ -1,4 +1,5 @@
-//! The writer of tets as Gmsh 2.2 files in text, which every mesher and solver reads.
+//! The writer of tets as Gmsh 2.2 files in text, which every mesher and solver reads. Groups and fields are not
+//! written.
 
 use crate::io::atomic::AtomicFile;
 use crate::io::error::WriteError;
@@ -30,7 +31,8 @@ pub fn write_msh(path: impl AsRef<Path>, scaffold: &Scaffold) -> Result<u64, Wri
     file.commit()
 }
 
-/// Writes tets of first or second order in version 2.2.
+/// Writes tets of first (code 4) or second order (code 11) in version 2.2. Each has two tags: no physical group, and
+/// entity 1.
 fn write(file: &mut impl Write, scaffold: &Scaffold) -> std::io::Result<()> {
     writeln!(
         file,

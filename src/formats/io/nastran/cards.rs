@@ -79,7 +79,7 @@ impl Cards {
         Ok(None)
     }
 
-    /// Reads the next card; false at the end of the file.
+    /// Reads the next card into `card`, with its continuations; false at the end of the file.
     pub fn next(&mut self, card: &mut Card) -> Result<bool, ReadError> {
         let Some(first) = self.line()? else {
             return Ok(false);
@@ -142,7 +142,8 @@ impl Cards {
         Ok(true)
     }
 
-    /// The name of a file, with or without quotes; a quoted name may extend over lines.
+    /// The name of a file, with or without quotes; a quoted name may extend over lines. `first` is the rest of the
+    /// first line.
     fn file_name(&mut self, first: &str) -> Result<String, ReadError> {
         let quoted = first.chars().next().filter(|c| matches!(c, '\'' | '"'));
         let Some(mark) = quoted else {
@@ -164,11 +165,13 @@ impl Cards {
     }
 }
 
+/// Whether a line with this first field continues a card.
 fn is_continuation(head: &str) -> bool {
     head.is_empty() || head.starts_with(['+', '*'])
 }
 
-/// The fields of a line.
+/// The fields of a line: the first field, the data fields, and the mark of a continuation. A wide line has four data
+/// fields of 16 columns, others eight of 8.
 fn split(line: &str) -> LineParts<'_> {
     if line.contains(',') {
         return split_free(line);
@@ -222,7 +225,8 @@ fn split_free(line: &str) -> LineParts<'_> {
     }
 }
 
-/// A real number in Nastran's notation: the E of an exponent may be a D or missing.
+/// A real number in Nastran's notation: the E of an exponent may be a D or missing (`1.5-3` is 0.0015). `None` for
+/// other text, also for words such as "inf".
 pub(super) fn real(text: &str) -> Option<f64> {
     let known = |c: char| matches!(c, '0'..='9' | '+' | '-' | '.' | 'e' | 'E' | 'd' | 'D');
     if !text.starts_with(|c: char| matches!(c, '0'..='9' | '+' | '-' | '.'))
@@ -251,12 +255,14 @@ impl Card {
         self.error = None;
     }
 
+    /// Appends a field.
     fn push(&mut self, field: &str) {
         self.text.push_str(field);
         self.ends.push(self.text.len());
     }
 
-    /// Appends the fields of a line; lines of wide fields come in pairs.
+    /// Appends the fields of a line. Lines of wide fields come in pairs: a narrow line after a single one begins at a
+    /// multiple of eight fields.
     fn take(&mut self, parts: &LineParts) {
         while parts.fields.len() == 8 && !self.ends.len().is_multiple_of(8) {
             self.push("");
@@ -301,7 +307,7 @@ impl Card {
         ReadError::data(&self.path, Place::Line(self.line), found, expected)
     }
 
-    /// A non-negative integer; `None` if the field is empty.
+    /// A non-negative integer of 32 bits in field `i`; `None` if the field is empty.
     pub fn number(&self, i: usize) -> Result<Option<u64>, ReadError> {
         let text = self.field(i);
         if text.is_empty() {
@@ -313,7 +319,7 @@ impl Card {
         }
     }
 
-    /// A positive integer.
+    /// A positive integer in field `i`, which has to be given; `what` is expected there.
     pub fn needed(&self, i: usize, what: &str) -> Result<u64, ReadError> {
         match self.number(i)? {
             Some(n @ 1..) => Ok(n),
@@ -321,7 +327,7 @@ impl Card {
         }
     }
 
-    /// A real number; `None` if the field is empty.
+    /// A real number in field `i`; `None` if the field is empty.
     pub fn real(&self, i: usize) -> Result<Option<f64>, ReadError> {
         match self.field(i) {
             "" => Ok(None),
@@ -331,6 +337,7 @@ impl Card {
         }
     }
 
+    /// An error about field `i`; messages count from the name of the card, which is field 1.
     fn bad_field(&self, i: usize, what: &str) -> ReadError {
         let found = format!(
             "{} in field {} of {}",

@@ -1,4 +1,6 @@
 //! Element cards: solids and shells with nodes in Nastran order.
+//!
+//! Field 2 of a card is the number of the element, field 3 its property, which becomes its group; the nodes follow.
 
 use super::Deck;
 use super::cards::Card;
@@ -33,7 +35,8 @@ const ELEMENTS: &[Row] = &[
     ("CQUAD9", &[Kind::Quad4, Kind::Quad8, Kind::Quad9]),
 ];
 
-/// The permutation from Nastran's node order to VTK order, where they differ: Nastran lists the mid nodes of
+/// The permutation from Nastran's node order to VTK order (place i in VTK's order is the node at place `order[i]` of
+/// the card), where they differ: Nastran lists the mid nodes of
 /// vertical edges before those of the top face.
 const HEX20: [u8; 20] = [
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 16, 17, 18, 19, 12, 13, 14, 15,
@@ -45,12 +48,14 @@ const FIRST_ADDED_NODE: u64 = 1 << 40;
 /// Number of fields before the nodes.
 const FIRST_NODE_FIELD: usize = 2;
 
+/// Whether a card of this name makes an element that is read.
 pub(super) fn is_element(name: &str) -> bool {
     ELEMENTS.iter().any(|row| row.0 == name)
 }
 
 impl Deck<'_> {
-    /// Adds the element of a card. Nodes beyond the corners may be missing; their number decides the order.
+    /// Adds the element of a card. Nodes beyond the corners may be missing; their number decides the order. The same
+    /// card may be repeated.
     pub(super) fn element(&mut self, card: &Card) -> Result<(), ReadError> {
         card.check()?;
         let row = ELEMENTS.iter().find(|row| row.0 == card.name);
@@ -77,6 +82,7 @@ impl Deck<'_> {
             let found = format!("more than {max_nodes} nodes in a {}", card.name);
             return Err(error(found, KINDS_READ));
         }
+        // At most as many nodes as the largest kind were read, so that a kind is found.
         let kind = kinds.iter().find(|k| k.node_count() >= given);
         let kind = *kind.unwrap_or(&kinds[0]);
         let corners = kind.corner_count();
@@ -132,7 +138,7 @@ impl Deck<'_> {
         Ok(())
     }
 
-    /// Adds mid nodes in the middle of the edges that have none in the deck.
+    /// Adds mid nodes in the middle of the edges that have none in the deck, with new numbers; a note counts them.
     pub(super) fn add_mid_nodes(&mut self) -> Result<(), ReadError> {
         // Sorted by number, so that the result does not depend on the order of a hash table.
         let mut edges: Vec<(u64, [u64; 2])> = self

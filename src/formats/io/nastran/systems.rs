@@ -19,24 +19,29 @@ enum CoordinateKind {
     Spherical,
 }
 
+/// How a system is given.
 #[derive(Clone, PartialEq)]
 enum SystemPoints {
+    /// By the numbers of three grid points.
     Grids([u64; 3]),
     /// Points of a system.
     Points(u64, [[f64; 3]; 3]),
 }
 
+/// A system as its card gives it.
 struct Definition {
     kind: CoordinateKind,
     given: SystemPoints,
     line: u64,
 }
 
+/// A system in basic coordinates: its origin and its axes as columns.
 struct Frame {
     origin: Vec3,
     axes: Mat3,
 }
 
+/// The coordinate systems of a deck by number; 0 is the basic system, which has no card.
 #[derive(Default)]
 pub(super) struct Systems {
     definitions: HashMap<u64, Definition>,
@@ -44,6 +49,7 @@ pub(super) struct Systems {
 }
 
 impl CoordinateKind {
+    /// Rectangular coordinates in the axes of the system.
     fn cartesian(self, [a, b, c]: [f64; 3]) -> Vec3 {
         match self {
             Self::Rectangular => Vec3::new(a, b, c),
@@ -61,7 +67,7 @@ impl CoordinateKind {
 }
 
 impl Systems {
-    /// Adds the systems of a card whose name begins with CORD.
+    /// Adds the systems of a card whose name begins with CORD. The fifth letter is 1 or 2, the sixth the kind.
     pub fn add(&mut self, card: &Card) -> Result<(), ReadError> {
         card.check()?;
         let kind = match card.name.get(5..) {
@@ -99,7 +105,8 @@ impl Systems {
         }
     }
 
-    /// Adds the definition of a coordinate system; the same one may be listed again.
+    /// Adds the definition of a coordinate system; the same one may be listed again, another one of its number is an
+    /// error.
     fn define(
         &mut self,
         card: &Card,
@@ -122,8 +129,9 @@ impl Systems {
         Ok(())
     }
 
-    /// Computes the frames of all systems in the basic system. `grid` returns the system of a grid point (if
-    /// its card has one) and its coordinates.
+    /// Computes the frames of all systems in the basic system, each after those that it is defined in. `grid` returns
+    /// the system of a grid point (if its card has one) and its coordinates, `default_system` is that of other points.
+    /// An error for missing systems and points, systems that are defined in themselves, and points on a line.
     pub fn resolve(
         &mut self,
         path: &Path,
@@ -179,6 +187,7 @@ impl Systems {
                 // All three points are in known systems: their basic coordinates define the frame.
                 let mut basic = [Vec3::zeros(); 3];
                 for (to, (system, at)) in basic.iter_mut().zip(points) {
+                    // All systems of these points are known, so that there is no default.
                     *to = self.to_basic(system, at).unwrap_or_default();
                 }
                 let Some(frame) = Frame::through(basic) else {
@@ -206,6 +215,7 @@ impl Systems {
 }
 
 impl Frame {
+    /// The frame of a system from its three points; `None` where they lie on a line or are not finite.
     fn through([origin, on_z, in_xz_plane]: [Vec3; 3]) -> Option<Self> {
         let z = (on_z - origin).try_normalize(0.0)?;
         let y = z.cross(&(in_xz_plane - origin).try_normalize(0.0)?);
@@ -217,6 +227,7 @@ impl Frame {
     }
 }
 
+/// The error for other cards that begin with CORD.
 fn unsupported_card(card: &Card) -> ReadError {
     let found = format!("the card {}", quote(&card.name));
     card.bad(found, "CORD1R, CORD1C, CORD1S, CORD2R, CORD2C or CORD2S")

@@ -1,4 +1,5 @@
-//! Tables of cards that are skipped, refused or ignored.
+//! Tables of cards that are skipped, refused or ignored. Cards in none of them that begin with C are refused, since
+//! they may make elements; all others are ignored.
 
 /// Bars, springs, masses, rigid links, heat and fluid boundaries: no volume and no surface.
 pub(super) const SKIPPED_CARDS: &[&str] = &[

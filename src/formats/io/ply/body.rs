@@ -19,11 +19,12 @@ pub(super) struct Content {
     pub points: Vec<Vec3>,
     pub normals: Vec<Vec3>,
     pub faces: Faces,
-    /// Bytes after the last element.
+    /// Bytes after the last element of a binary file; 0 for text and pipes.
     pub trailing_bytes: u64,
 }
 
-/// Reads all elements of the file: points, normals and faces; other elements and properties are skipped.
+/// Reads all elements of the file after its header: points, normals and faces; other elements and properties are
+/// skipped.
 pub(super) fn content(source: &mut Source, header: &Header) -> Result<Content, ReadError> {
     let format = header.format;
     let (mut points, mut normals) = (Vec::new(), Vec::new());
@@ -32,6 +33,7 @@ pub(super) fn content(source: &mut Source, header: &Header) -> Result<Content, R
     let mut list = Vec::new();
     let (mut line, mut at) = (Vec::new(), 0);
     let counts = header.layers.iter().map(|l| l.count);
+    // Elements that are still to come, and whether several stand on a line, once that is known.
     let (mut remaining, mut dense) = (counts.fold(0, u64::saturating_add), None);
     for layer in header.layers.iter().filter(|l| !l.properties.is_empty()) {
         let min_bytes: usize = match format {
@@ -123,6 +125,7 @@ struct Rows<'a> {
 }
 
 impl Rows<'_> {
+    /// Goes to the next element; in text to the next line, unless this one has numbers left.
     fn next(&mut self) -> Result<(), ReadError> {
         self.number += 1;
         if self.format == Encoding::Text && self.at == self.line.len() {
@@ -156,7 +159,7 @@ impl Rows<'_> {
         Ok(())
     }
 
-    /// The next number of type `kind`.
+    /// The next number of type `kind`; in text on this line or a later one.
     fn number(&mut self, kind: Scalar) -> Result<f64, ReadError> {
         // Text ignores the declared type. The line is parsed as a whole; a word that is no number is marked
         // in it.
@@ -189,6 +192,7 @@ impl Rows<'_> {
         }
     }
 
+    /// An error at the current element.
     fn bad(&self, found: impl Into<String>, expected: &str) -> ReadError {
         // Elements are vertices, faces or ignored ones.
         let what = match self.layer.name.as_str() {
@@ -203,6 +207,7 @@ impl Rows<'_> {
         ReadError::data(self.source.path(), place, found, expected)
     }
 
+    /// The length of a list of items of type `item`, checked against the rest of the file.
     fn length(&mut self, kind: Scalar, item: Scalar) -> Result<usize, ReadError> {
         let x = self.number(kind)?;
         let left = self.source.remaining();
@@ -219,6 +224,7 @@ impl Rows<'_> {
         Ok(x as usize)
     }
 
+    /// The next number as a coordinate.
     fn coordinate(&mut self, kind: Scalar) -> Result<f64, ReadError> {
         let x = self.number(kind)?;
         if is_in_range(x) {
@@ -240,8 +246,8 @@ impl Rows<'_> {
         }
     }
 
-    /// Ends an element. The rest of its line is the next element if the file has fewer lines than remaining
-    /// elements, otherwise it is ignored.
+    /// Ends an element. The rest of its line is the next element if the file has fewer lines than `remaining`
+    /// elements, otherwise it is ignored. `dense` keeps that decision once it is made.
     fn end(&mut self, dense: &mut Option<bool>, remaining: u64) -> Result<(), ReadError> {
         if self.at == self.line.len() {
             return Ok(());

@@ -14,6 +14,7 @@ pub(super) struct Property {
     name: String,
 }
 
+/// What a property is read as; axes are 0 for x to 2 for z.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Role {
     Axis(usize),
@@ -31,7 +32,8 @@ pub(super) struct Layer {
 }
 
 impl Layer {
-    /// Finds the list of corners and sets its role.
+    /// Finds the list of corners, by its name or as the only list of integers, and sets its role; faces without such a
+    /// list have no corners.
     fn find_list(&mut self) {
         let role = match self.name.as_str() {
             "face" | "faces" => Role::Corners,
@@ -57,7 +59,7 @@ pub(super) struct Header {
     pub unit: Option<LengthUnit>,
 }
 
-/// Reads the header.
+/// Reads the header up to `end_header`, after which the body begins.
 pub(super) fn header(source: &mut Source) -> Result<Header, ReadError> {
     let mut format = None;
     let mut layers: Vec<Layer> = Vec::new();
@@ -137,7 +139,8 @@ pub(super) fn header(source: &mut Source) -> Result<Header, ReadError> {
     })
 }
 
-/// A property from its words after "property", in the element `layer`.
+/// A property from its words after "property", in the element `layer`; `None` for other words. Lists get their role
+/// later, when all are known.
 fn property(words: &[&str], layer: &str) -> Option<Property> {
     let (length, kind, name) = match *words {
         ["list", length, kind, name] => (
@@ -165,6 +168,7 @@ fn property(words: &[&str], layer: &str) -> Option<Property> {
 }
 
 impl Header {
+    /// Whether some property has this role.
     pub fn has(&self, role: Role) -> bool {
         let own = |l: &Layer| l.properties.iter().any(|p| p.role == role);
         self.layers.iter().any(own)

@@ -68,7 +68,7 @@ impl Keyword {
     }
 }
 
-/// Whether `head`, the first bytes of a file, is of an STL in text.
+/// Whether `head`, the first bytes of a file, is of an STL in text: it has one of its words and no zeros.
 pub(super) fn is_text(head: &[u8]) -> bool {
     let contains = |word: &[u8]| {
         head.windows(word.len())
@@ -94,8 +94,8 @@ fn unknown_word(source: &Source) -> ReadError {
     )
 }
 
-/// Skips the name of a solid, which ends with the line or at the beginning of a facet; returns whether a facet begins
-/// on the same line.
+/// Skips the name of a solid in the words `rest` of a line; it ends with the line or at the beginning of a facet.
+/// Returns whether a facet begins on the same line.
 fn skip_name<'a>(rest: &mut (impl Iterator<Item = &'a [u8]> + Clone)) -> bool {
     let next = rest.clone().skip(1);
     // A name may have the word "facet".

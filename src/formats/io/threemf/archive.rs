@@ -1,4 +1,5 @@
-//! The archive of a 3MF file: parts by name, and models.
+//! The archive of a 3MF file: parts by name, and models. The bytes that parts may unpack to are limited for the archive
+//! as a whole.
 
 use super::model::Model;
 use super::parser::Parser;
@@ -72,7 +73,8 @@ impl Archive {
         exact.or_else(|| self.names.iter().find(same)).cloned()
     }
 
-    /// The name of the root model: from the relationships, else the usual name, else the only model.
+    /// The name of the root model: from the relationships, else the usual name, else the only model; the usual name too
+    /// where there is no model, which then fails to open.
     pub fn root(&mut self) -> String {
         let default_name = "3D/3dmodel.model";
         let root_from_relations = self
@@ -94,7 +96,7 @@ impl Archive {
         found.unwrap_or_else(|| default_name.to_owned())
     }
 
-    /// The target of the relationship of type 3dmodel.
+    /// The target of the relationship of type 3dmodel, as it is written; `None` without readable relationships.
     fn root_from_relations(&mut self) -> Option<String> {
         let name = self.find_name("_rels/.rels")?;
         let mut list = String::new();
@@ -137,7 +139,8 @@ impl Archive {
         })
     }
 
-    /// The non-solid volumes of the objects of the root model, from a slicer's list.
+    /// The non-solid volumes (supports, modifiers and the like) of the objects of the root model, from a slicer's list;
+    /// empty without such a list.
     pub fn non_solid_volumes(&mut self) -> BTreeMap<u32, Vec<Volume>> {
         let name = self.find_name(slicer::LIST_NAME);
         let list = name.and_then(|name| self.part(&name).ok());
@@ -159,6 +162,7 @@ impl Archive {
     }
 }
 
+/// The error for an archive that cannot be read.
 fn archive_error(path: &Path, error: &dyn std::fmt::Display, expected: &str) -> ReadError {
     let found = format!("a zip archive that fails ({error})");
     ReadError::data(path, Place::File, found, expected)

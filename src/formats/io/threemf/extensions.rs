@@ -77,7 +77,7 @@ pub(super) fn space(namespace: Option<&[u8]>) -> Space {
     known.map_or(Space::Other, |k| k.1)
 }
 
-/// The name of a required extension that is not supported; `None` if it is supported.
+/// The name of a required extension, by its namespace, that is not supported; `None` if it is supported.
 pub(super) fn unsupported_extension(namespace: &str) -> Option<String> {
     if namespace.starts_with(CORE) || KNOWN_NAMESPACES.iter().any(|k| k.0 == namespace) {
         return None;
@@ -85,7 +85,7 @@ pub(super) fn unsupported_extension(namespace: &str) -> Option<String> {
     Some(extension_name(namespace))
 }
 
-/// The name of an unsupported extension.
+/// The name of an unsupported extension, by its namespace, for messages.
 pub(super) fn extension_name(namespace: &str) -> String {
     let family = UNSUPPORTED_FAMILIES
         .iter()

@@ -1,4 +1,7 @@
 //! The writer of 3MF with an implicit part: the function of a cell as a graph of nodes, and the closed mesh in which
+//!
+//! Coordinates of the mesh are in the unit of the file. The function takes a position in that unit and returns a length
+//! in it, negative in the solid.
 //! it is evaluated (volumetric and implicit extensions, version 1).
 
 use super::package::begin;
@@ -33,7 +36,7 @@ pub struct ImplicitPart<'a> {
 }
 
 impl ImplicitPart<'_> {
-    /// Writes the part; returns the number of nodes of its function.
+    /// Writes the part as an archive; returns the number of nodes of its function.
     ///
     /// # Errors
     /// Those of the file.
@@ -114,6 +117,7 @@ impl Graph {
         name
     }
 
+    /// A constant number.
     fn constant(&mut self, value: f64) -> Output {
         let name = self.begin("constant", &format!(" value=\"{value:?}\""));
         self.xml +=
@@ -121,6 +125,7 @@ impl Graph {
         format!("{name}.value")
     }
 
+    /// A constant vector.
     fn vector(&mut self, v: Vec3) -> Output {
         let attributes = format!(" x=\"{:?}\" y=\"{:?}\" z=\"{:?}\"", v.x, v.y, v.z);
         let name = self.begin("constvec", &attributes);
@@ -145,20 +150,23 @@ impl Graph {
         format!("{name}.result")
     }
 
+    /// A node with one scalar input.
     fn single(&mut self, kind: &str, a: &str) -> Output {
         self.node(kind, "scalar", &[a])
     }
 
+    /// A node with two scalar inputs.
     fn pair(&mut self, kind: &str, a: &str, b: &str) -> Output {
         self.node(kind, "scalar", &[a, b])
     }
 
+    /// A value times a constant.
     fn times(&mut self, factor: f64, value: &str) -> Output {
         let factor = self.constant(factor);
         self.pair("multiplication", &factor, value)
     }
 
-    /// Combines values from the first to the last.
+    /// Combines values from the first to the last; 0 without values.
     fn fold(
         &mut self,
         values: Vec<Output>,
@@ -168,11 +176,12 @@ impl Graph {
         joined.unwrap_or_else(|| self.constant(0.0))
     }
 
+    /// The sum of values.
     fn sum(&mut self, values: Vec<Output>) -> Output {
         self.fold(values, |graph, a, b| graph.pair("addition", a, b))
     }
 
-    /// The value of an expression in reference units.
+    /// Adds the nodes of an expression in reference units and returns their result.
     fn expression(&mut self, expression: &Expression) -> Output {
         match expression.node() {
             // Series of all dimensions are sums of waves with frequencies in space: planar ones do not vary
@@ -225,7 +234,8 @@ impl Graph {
         }
     }
 
-    /// A minimum or maximum, rounded where values are closer than the radius: min(a, b) - max(r - |a - b|, 0)^2 / (4 r).
+    /// A minimum ("min") or maximum ("max"), rounded where values are closer than the radius:
+    /// min(a, b) - max(r - |a - b|, 0)^2 / (4 r).
     fn extreme(&mut self, kind: &str, parts: &[Expression], radius: f64) -> Output {
         let values = parts.iter().map(|part| self.expression(part)).collect();
         self.fold(values, |graph, a, b| {
@@ -260,6 +270,7 @@ impl Graph {
                 mean += re;
                 continue;
             }
+            // Of f and -f the one whose first coordinate that is not 0 is positive stands for both.
             let first = f.iter().find(|c| **c != 0.0);
             if first.is_none_or(|c| *c < 0.0) || (re, im) == (0.0, 0.0) {
                 continue;

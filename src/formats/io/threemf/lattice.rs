@@ -1,4 +1,8 @@
 //! The beam lattice of an object, and its placement.
+//!
+//! The parser fills a [`Lattice`] as the extension "beam lattice" of 3MF gives it: all lengths in the unit of the file
+//! and in the coordinates of the object. `placed` moves it to the coordinates of the file. The clipping mesh is only
+//! named here; the caller resolves and applies it.
 
 use super::{Placement, transform_point};
 use crate::io::beam_parts::{BeamCap, FileBeam};
@@ -28,29 +32,33 @@ pub(super) enum ClipMode {
 /// Beams and balls over the vertices of an object.
 #[derive(Default)]
 pub(super) struct Lattice {
-    /// The least length of a beam; shorter ones are left out.
+    /// The least length of a beam, before placement; shorter ones are left out.
     pub min_length: f64,
+    /// The radius of beam ends without one of their own.
     pub radius: f64,
+    /// The cap of beam ends without one of their own.
     pub cap: BeamCap,
+    /// On which side of `clip_mesh`, the number of an object, the lattice remains.
     pub clip: ClipMode,
     pub clip_mesh: Option<u32>,
     /// An object that represents the lattice for display only.
     pub representation_mesh: Option<u32>,
     pub ball_mode: BallMode,
+    /// The radius of balls without one of their own.
     pub ball_radius: Option<f64>,
     pub beams: Vec<Strut>,
-    /// The vertices and radii of balls.
+    /// The vertices and radii of balls; `None` is the radius of the lattice.
     pub balls: Vec<(u32, Option<f64>)>,
 }
 
-/// A beam in the file.
+/// A beam in the file: vertices of its ends, and radii and caps there, with the defaults filled in.
 pub(super) struct Strut {
     pub ends: [u32; 2],
     pub radii: [f64; 2],
     pub caps: [BeamCap; 2],
 }
 
-/// Placed beams and balls.
+/// Placed beams and balls, in the coordinates of the file.
 #[derive(Default)]
 pub(super) struct PlacedLattice {
     pub beams: Vec<FileBeam>,
@@ -59,7 +67,8 @@ pub(super) struct PlacedLattice {
     pub short: usize,
 }
 
-/// The scale of a similarity transform; `None` for other placements.
+/// The scale of a similarity transform (a rotation or reflection, times a factor); `None` for other placements. Columns
+/// may differ by 1e-5 of their length, the digits that files usually have.
 fn uniform_scale(at: &Placement) -> Option<f64> {
     let [x, y, z, _] = at;
     let scale = x.norm();
@@ -79,7 +88,8 @@ impl Lattice {
         self.beams.len() + self.balls.len()
     }
 
-    /// The beams and balls under a placement.
+    /// The beams and balls under a placement, whose first three vectors are the images of the axes and whose last is
+    /// the shift. `vertices` are those of the object; beams that are too short are counted.
     ///
     /// # Errors
     /// The found and the expected content, as text.
@@ -108,6 +118,7 @@ impl Lattice {
                 vertex("beam", n, beam.ends[1])?,
             ];
             // The lattice states the least length; a beam between equal points has no direction.
+            // Both are lengths before placement, as in the file.
             if (b - a).norm() < self.min_length || a == b {
                 out.short += 1;
                 continue;

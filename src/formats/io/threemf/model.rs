@@ -1,4 +1,5 @@
-//! The content of one model part of an archive.
+//! The content of one model part of an archive, as the parser leaves it: references are not resolved, lengths are in
+//! the unit of the part.
 
 use super::Placement;
 use super::lattice::Lattice;

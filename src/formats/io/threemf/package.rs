@@ -39,8 +39,8 @@ pub(super) fn begin<W: Write + Seek>(
     Ok(io::BufWriter::with_capacity(1 << 16, zip))
 }
 
-/// Writes the archive around one object's mesh. `extensions` are attributes of the model, `bytes` is an upper
-/// bound of the text's size (plain zip entries are limited to 4 GiB).
+/// Writes the archive around one object's mesh, which `mesh` writes. `extensions` are attributes of the model, `bytes`
+/// is an upper bound of the text's size (plain zip entries are limited to 4 GiB).
 fn package<W: Write + Seek>(
     out: W,
     unit: LengthUnit,
@@ -71,6 +71,7 @@ fn package<W: Write + Seek>(
     Ok(())
 }
 
+/// A line of a vertex.
 fn vertex(xml: &mut dyn Write, v: Vec3, is_double: bool) -> io::Result<()> {
     if is_double {
         return writeln!(

@@ -1,4 +1,8 @@
 //! The XML parser of a model, event by event. Namespaces identify elements and attributes.
+//!
+//! Elements of unknown namespaces are skipped with their content; inside an object they are kept in words, since they
+//! may be its only shape. References between objects are not resolved here. Places of errors are bytes of the unzipped
+//! part.
 
 use super::extensions::Space;
 use super::model::{Model, Object, Reference};
@@ -64,6 +68,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         }
     }
 
+    /// An error at the current byte of the part.
     fn bad(&self, found: impl Into<String>, expected: impl Into<String>) -> ReadError {
         let place = Place::Byte(self.reader.buffer_position());
         let hint = format!(
@@ -73,6 +78,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         ReadError::data(self.path, place, found, expected).with_hint(hint)
     }
 
+    /// Reads the whole model.
     pub fn model(self) -> Result<Model, ReadError> {
         self.read(false)
     }
@@ -156,6 +162,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         Err(self.bad(found, "UTF-8 or UTF-16"))
     }
 
+    /// Adds the current object to the model, if there is one.
     fn close_object(&mut self) -> Result<(), ReadError> {
         let Some((id, object)) = self.object.take() else {
             return Ok(());
@@ -166,7 +173,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         Ok(())
     }
 
-    /// The text of an attribute of the core format.
+    /// The text of an attribute of the core format, which has no prefix; `None` if it is missing.
     fn attribute<'e>(
         &self,
         e: &'e BytesStart,
@@ -175,7 +182,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         self.attribute_where(e, |key| key.as_ref() == name.as_bytes())
     }
 
-    /// The text of an attribute of an extension.
+    /// The text of an attribute of an extension, whatever its prefix; `None` if it is missing.
     fn attribute_in<'e>(
         &self,
         e: &'e BytesStart,
@@ -215,6 +222,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         Ok(None)
     }
 
+    /// A number that has to be given.
     fn number<T: std::str::FromStr>(&self, e: &BytesStart, name: &str) -> Result<T, ReadError> {
         let found = self.optional(e, name)?;
         found.ok_or_else(|| {
@@ -227,6 +235,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         })
     }
 
+    /// An optional number.
     fn optional<T: std::str::FromStr>(
         &self,
         e: &BytesStart,
@@ -242,7 +251,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         })
     }
 
-    /// An optional length.
+    /// An optional length, in the unit of the model, not negative.
     fn length(&self, e: &BytesStart, name: &str) -> Result<Option<f64>, ReadError> {
         let found: Option<f64> = self.optional(e, name)?;
         if let Some(value) = found.filter(|v| !(is_in_range(*v) && *v >= 0.0)) {
@@ -271,7 +280,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         })
     }
 
-    /// The attribute `transform`: three images of the axes and a shift, as rows.
+    /// The attribute `transform`: three images of the axes and a shift, as rows; the identity without it.
     fn placement(&self, e: &BytesStart) -> Result<Placement, ReadError> {
         let Some(text) = self.attribute(e, "transform")? else {
             return Ok(IDENTITY_PLACEMENT);
@@ -297,6 +306,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         Ok([rows[0], rows[1], rows[2], Vec3::new(x, y, z)])
     }
 
+    /// The reference of a component or a build item. `printable` has the prefix of the production extension or none.
     fn reference(&self, e: &BytesStart) -> Result<Reference, ReadError> {
         let part = self.attribute_in(e, Space::Production, "path")?;
         self.check_path(e)?;
@@ -325,11 +335,12 @@ impl<'a, R: BufRead> Parser<'a, R> {
         }
     }
 
+    /// The name of the element around the current one.
     fn parent(&self) -> &[u8] {
         self.open_elements.last().map_or(b"", Vec::as_slice)
     }
 
-    /// The current object.
+    /// The current object; an error outside objects. `e` is the element, for the message.
     fn object(&mut self, e: &BytesStart) -> Result<&mut Object, ReadError> {
         if self.object.is_none() {
             let element = String::from_utf8_lossy(e.name().as_ref()).into_owned();
@@ -342,7 +353,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         Ok(object)
     }
 
-    /// Processes the start of an element; returns whether its content is read.
+    /// Processes the start of an element; returns whether its content is read. The root has to be the model of 3MF.
     fn start(&mut self, e: &BytesStart) -> Result<bool, ReadError> {
         let (result, local) = self.reader.resolver().resolve_element(e.name());
         let space = space_of(&result);
@@ -418,10 +429,11 @@ impl<'a, R: BufRead> Parser<'a, R> {
         Ok(())
     }
 
-    /// Begins an element of the core specification; returns whether its content is read.
+    /// Begins an element of the core specification, `local` its name; returns whether its content is read.
     fn start_core(&mut self, e: &BytesStart, local: &[u8]) -> Result<bool, ReadError> {
         match local {
             b"object" => {
+                // An object that is still open has no end event of its own.
                 self.close_object()?;
                 // Only objects of type "model" are printed; that is also the default.
                 let kind = self.attribute(e, "type")?;

@@ -20,6 +20,7 @@ pub(super) struct Volume {
     pub kind: String,
 }
 
+/// The text of an attribute, if it can be read.
 fn attribute(e: &BytesStart, name: &str) -> Option<String> {
     let own = e.try_get_attribute(name).ok()??;
     Some(
@@ -29,7 +30,8 @@ fn attribute(e: &BytesStart, name: &str) -> Option<String> {
     )
 }
 
-/// The non-solid volumes of each object. Reading stops at invalid XML.
+/// The non-solid volumes of each object, by its number. Reading stops at invalid XML: the list is an extra of the
+/// slicer.
 pub(super) fn non_solid_volumes(list: impl BufRead) -> BTreeMap<u32, Vec<Volume>> {
     let mut found: BTreeMap<u32, Vec<Volume>> = BTreeMap::new();
     let mut reader = Reader::from_reader(list);

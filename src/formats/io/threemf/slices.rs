@@ -37,8 +37,8 @@ impl<W: Write + Seek> SliceStackWriter<W> {
         Ok(Self { xml, bounds })
     }
 
-    /// Adds a layer by the height of its upper end and its outlines: counter-clockwise around solid, clockwise
-    /// around holes.
+    /// Adds a layer by the height of its upper end and its outlines (x, y): counter-clockwise around solid, clockwise
+    /// around holes. Layers come from the bottom up; outlines are closed without repeating their first point.
     ///
     /// # Errors
     /// Those of the file.
@@ -52,6 +52,7 @@ impl<W: Write + Seek> SliceStackWriter<W> {
             }
             write!(self.xml, "</s:vertices>")?;
         }
+        // Vertices are numbered through all outlines of a layer.
         let mut first = 0;
         for outline in outlines {
             write!(self.xml, "<s:polygon startv=\"{first}\">")?;

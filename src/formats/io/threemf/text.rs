@@ -28,7 +28,7 @@ fn encoding(head: &[u8]) -> (Encoding, usize) {
     }
 }
 
-/// A part's text as UTF-8.
+/// A part's text as UTF-8, without a byte order mark; decoded while it is read.
 pub(super) fn decode<'a>(mut part: impl Read + 'a) -> io::Result<Box<dyn BufRead + 'a>> {
     let mut head = [0; 3];
     let mut held = 0;
@@ -65,7 +65,7 @@ struct Utf16Reader<R> {
 }
 
 impl<R: Read> Utf16Reader<R> {
-    /// Decodes the next part of UTF-16 text into UTF-8; an empty text is the end.
+    /// Decodes the next part of UTF-16 text into UTF-8; an empty text is the end. Invalid units become U+FFFD.
     fn refill(&mut self) -> io::Result<()> {
         self.text.clear();
         self.at = 0;

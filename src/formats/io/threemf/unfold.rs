@@ -1,4 +1,8 @@
 //! Assembly of one mesh and its beams from the models of an archive.
+//!
+//! Build items refer to objects, objects to components, each with a placement and perhaps in another part. Lengths of
+//! the result are in the unit of the root model. What is left out becomes a note; limits guard against files that
+//! unfold to much more than their size.
 
 use super::archive::Archive;
 use super::lattice::ClipMode;
@@ -31,6 +35,7 @@ struct Build {
     vertices: Vec<Vec3>,
     triangles: Vec<[u32; 3]>,
     beams: Vec<BeamPart>,
+    /// Remarks, sorted and without repetition.
     /// The objects left out, by reason.
     left_out: BTreeMap<String, Vec<u32>>,
     notes: BTreeSet<String>,
@@ -39,7 +44,7 @@ struct Build {
     path: Vec<(String, u32)>,
 }
 
-/// Assembles the build items as one mesh and its beams.
+/// Assembles the build items as one mesh and its beams, in the unit of the root model.
 pub(super) fn unfold(mut archive: Archive) -> Result<SolidFile, ReadError> {
     let root = archive.root();
     let mut model = archive.model(&root)?;
@@ -74,7 +79,8 @@ pub(super) fn unfold(mut archive: Archive) -> Result<SolidFile, ReadError> {
     build.finish()
 }
 
-/// Removes triangles that the slicer's list marks as non-solid; returns notes.
+/// Removes triangles that the slicer's list marks as non-solid; returns notes. A negative volume is an error, since to
+/// leave it out would change the solid.
 fn remove_non_solid_volumes(
     archive: &mut Archive,
     model: &mut Model,
@@ -129,11 +135,13 @@ fn object_list(numbers: &[u32]) -> String {
 }
 
 impl Build {
+    /// An error about the file as a whole.
     fn bad(&self, found: impl Into<String>, expected: impl Into<String>) -> ReadError {
         ReadError::data(&self.archive.path, Place::File, found, expected)
     }
 
-    /// Places every object that is not part of another one, for a model without items.
+    /// Places every object that is not part of another one, for a model without items; all of them if each is part of
+    /// another one, which then ends in the error for cycles.
     fn every_object(&mut self, root: &str, model: &Rc<Model>) -> Result<(), ReadError> {
         let note = "no item to build; every object is taken";
         self.notes.insert(note.to_owned());
@@ -153,7 +161,8 @@ impl Build {
         Ok(())
     }
 
-    /// Places a referenced object.
+    /// Places a referenced object. `name` is the part of the archive that holds the reference, `model` its content,
+    /// `outer` the placement of what holds it.
     fn reference(
         &mut self,
         name: &str,
@@ -194,7 +203,7 @@ impl Build {
         self.place(&part, &other, reference.object, &scaled)
     }
 
-    /// Places an object of a model.
+    /// Places object `id` of the model in part `name`, with its components, under the placement `at`.
     fn place(
         &mut self,
         name: &str,
@@ -260,7 +269,7 @@ impl Build {
         Ok(())
     }
 
-    /// Adds the triangles of an object.
+    /// Adds the triangles of an object under a placement; `id` is for messages.
     fn mesh(&mut self, id: u32, object: &Object, at: &Placement) -> Result<(), ReadError> {
         self.check_triangles(id, object)?;
         let shift = self.vertices.len() as u32;
@@ -287,6 +296,7 @@ impl Build {
         Ok(())
     }
 
+    /// Checks that the triangles of an object name vertices that it has.
     fn check_triangles(&self, id: u32, object: &Object) -> Result<(), ReadError> {
         let count = object.vertices.len();
         let is_wrong = |t: &[u32; 3]| t.iter().any(|&v| v as usize >= count);
@@ -298,7 +308,8 @@ impl Build {
         Err(self.bad(found, format!("vertices from 0 to {}", count as i64 - 1)))
     }
 
-    /// Adds the beams of an object.
+    /// Adds the beams and balls of an object under a placement, with the mesh that clips them; `name` is the part of
+    /// `model`.
     fn lattice(
         &mut self,
         name: &str,
@@ -331,6 +342,7 @@ impl Build {
                             "clippingmesh, the number of an object with triangles",
                         )
                     })?;
+                // The mode of clipping is set, and `clipping` was found by this number.
                 self.check_triangles(lattice.clip_mesh.unwrap_or_default(), clipping)?;
                 let vertices = clipping
                     .vertices
@@ -355,10 +367,11 @@ impl Build {
         Ok(())
     }
 
-    /// The mesh and beams of all items, with a note on all that is left out.
+    /// The mesh and beams of all items, with a note on all that is left out. An error if nothing else is there.
     fn finish(mut self) -> Result<SolidFile, ReadError> {
         for (reason, numbers) in &self.left_out {
             let (n, s) = (numbers.len(), if numbers.len() == 1 { "" } else { "s" });
+            // A reason begins with a noun, which takes the plural.
             let (what, rest) = reason.split_once(' ').unwrap_or((reason, ""));
             let verb = if n == 1 { "is" } else { "are" };
             let list = object_list(numbers);

@@ -1,4 +1,4 @@
-//! Element types of universal files and their node orders.
+//! Element types of universal files and their node orders: corners and mid nodes alternate round each face.
 
 use druse_tilings::scaffold::Kind;
 

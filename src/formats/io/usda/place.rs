@@ -5,13 +5,15 @@ use druse_geometry::frame::Vec3;
 use nalgebra::{Matrix4, Quaternion, Rotation3, UnitQuaternion};
 
 /// The value of a property at a time code: linear between samples of equal length, constant beyond them; tokens
-/// and strings keep the sample before. Without a time code the default, else the first sample.
+/// and strings keep the sample before. Without a time code the default, else the first sample. `None` for a property
+/// without value and samples.
 pub(super) fn value_at(property: &Property, time: Option<f64>) -> Option<Value> {
     let samples = &property.samples;
     let (Some(t), Some(first), Some(last)) = (time, samples.first(), samples.last()) else {
         let first = samples.first().map(|s| &s.1);
         return property.value.as_ref().or(first).cloned();
     };
+    // Samples ascend by time.
     let after = samples.partition_point(|s| s.0 < t);
     if after == 0 {
         return Some(first.1.clone());
@@ -34,8 +36,8 @@ pub(super) fn value_at(property: &Property, time: Option<f64>) -> Option<Value> 
     Some(Value::Numbers(mixed.collect()))
 }
 
-/// The map from a prim's coordinates to those of its parent, and whether it ignores its parent's map; or what is
-/// wrong with it.
+/// The map from a prim's coordinates to those of its parent (on column vectors), and whether it ignores its parent's
+/// map; or what is wrong with it. A prim without `xformOpOrder` has the identity.
 pub(super) fn local(prim: &Prim, time: Option<f64>) -> Result<(Matrix4<f64>, bool), String> {
     let mut map = Matrix4::identity();
     let mut is_reset = false;
@@ -67,8 +69,10 @@ pub(super) fn local(prim: &Prim, time: Option<f64>) -> Result<(Matrix4<f64>, boo
     Ok((map, is_reset))
 }
 
-/// The matrix of an operation such as `xformOp:rotateXYZ:pivot`, which acts on column vectors.
+/// The matrix of an operation such as `xformOp:rotateXYZ:pivot`, which acts on column vectors; angles are in degrees.
+/// `None` for an unknown operation or another number of numbers than it takes.
 fn operation(name: &str, numbers: &[f64]) -> Option<Matrix4<f64>> {
+    // The kind stands between the prefix and an optional suffix, which only distinguishes operations of one kind.
     let kind = name.strip_prefix("xformOp:")?.split(':').next()?;
     let turn = |axis: u8, degrees: f64| {
         let axis = match axis {
@@ -93,6 +97,7 @@ fn operation(name: &str, numbers: &[f64]) -> Option<Matrix4<f64>> {
                 .map(|&a| turn(a, [x, y, z][usize::from(a - b'X')]));
             Some(turns.fold(Matrix4::identity(), |map, next| next * map))
         }
+        // USD lists the real part first. A quaternion of any length is a rotation, but for one near 0.
         ("orient", &[w, x, y, z]) => {
             let q = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-12)?;
             Some(q.to_homogeneous())

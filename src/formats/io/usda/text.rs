@@ -1,4 +1,8 @@
 //! The text of USD: prims with their properties, as far as geometry needs them.
+//!
+//! A layer is `#usda 1.0`, metadata in parentheses, then prims: `def TYPE "NAME" (metadata) { properties and prims }`.
+//! A property is `TYPE NAME = value (metadata)`, or `TYPE NAME.timeSamples = { time: value, ... }`. Values keep their
+//! numbers or words only, without the structure of lists.
 
 use crate::io::error::{Place, ReadError};
 use crate::io::number;
@@ -150,6 +154,7 @@ impl Text<'_> {
         Ok(layer)
     }
 
+    /// An error at the current line.
     fn bad(&self, found: impl Into<String>, expected: &str) -> ReadError {
         ReadError::data(self.path, Place::Line(self.line), found.into(), expected)
     }
@@ -181,6 +186,7 @@ impl Text<'_> {
         Ok(is_next)
     }
 
+    /// Takes a byte that has to be the next one.
     fn expect(&mut self, byte: u8) -> Result<(), ReadError> {
         if self.take(byte)? {
             return Ok(());
@@ -213,7 +219,7 @@ impl Text<'_> {
         Ok(String::from_utf8_lossy(&rest[..length]).into_owned())
     }
 
-    /// A string in single, double or triple quotes.
+    /// A string in single, double or triple quotes, which begins at the next byte. A backslash keeps the byte after it.
     fn string(&mut self) -> Result<String, ReadError> {
         let rest = &self.bytes[self.at..];
         let mark = rest[0];
@@ -254,7 +260,7 @@ impl Text<'_> {
         }
     }
 
-    /// A text between two marks, such as an asset's name or a path.
+    /// A text up to the mark `end`, such as an asset's name or a path; the mark before it has been read.
     fn delimited(&mut self, end: &[u8]) -> Result<String, ReadError> {
         let rest = &self.bytes[self.at..];
         let Some(length) = rest.windows(end.len()).position(|w| w == end) else {
@@ -267,7 +273,7 @@ impl Text<'_> {
         Ok(String::from_utf8_lossy(&rest[..length]).into_owned())
     }
 
-    /// Appends the numbers or words of a value.
+    /// Appends the numbers or words of a value; `depth` is the number of lists around it. Dictionaries are skipped.
     fn value(
         &mut self,
         numbers: &mut Vec<f64>,
@@ -321,6 +327,7 @@ impl Text<'_> {
         Ok(())
     }
 
+    /// A value: its numbers if it has any, else its words.
     fn whole_value(&mut self) -> Result<Value, ReadError> {
         let (mut numbers, mut words) = (Vec::new(), Vec::new());
         self.value(&mut numbers, &mut words, 0)?;
@@ -331,7 +338,7 @@ impl Text<'_> {
         })
     }
 
-    /// Skips text in braces.
+    /// Skips text in braces, whatever it contains.
     fn skip_braces(&mut self) -> Result<(), ReadError> {
         self.expect(b'{')?;
         let start = self.line;
@@ -363,7 +370,7 @@ impl Text<'_> {
         self.whole_value().map(drop)
     }
 
-    /// Metadata in parentheses; refuses composition of layers.
+    /// Metadata in parentheses, by name; refuses composition of layers.
     fn metadata(&mut self) -> Result<Metadata, ReadError> {
         self.expect(b'(')?;
         let mut all = Metadata::new();
@@ -387,13 +394,13 @@ impl Text<'_> {
         Ok(all)
     }
 
+    /// The error for a layer that is composed of others.
     fn composed(&self, what: &str) -> ReadError {
         self.bad(what, "one flat layer")
             .with_hint("usdcat --flatten IN -o OUT.usda writes one")
     }
 
-    /// A prim after its specifier; `depth` is the number of prims around it.
-    /// A prim after its specifier.
+    /// A prim after its specifier (`def`, `over`, `class`); `depth` is the number of prims around it.
     fn prim(&mut self, depth: usize) -> Result<Prim, ReadError> {
         if depth > MAX_DEPTH {
             return Err(self.bad("prims in prims", "fewer than a hundred levels"));
@@ -429,7 +436,7 @@ impl Text<'_> {
         Ok(prim)
     }
 
-    /// A property after its first word.
+    /// Adds a property to `prim`, after its first word. Values and time samples of one name are one property.
     fn property(&mut self, first: String, prim: &mut Prim) -> Result<(), ReadError> {
         // Qualifiers before the type do not affect the value.
         let mut word = first;
@@ -471,7 +478,7 @@ impl Text<'_> {
         Ok(())
     }
 
-    /// Values by time code in braces, sorted.
+    /// Values by time code in braces, sorted by time.
     fn samples(&mut self) -> Result<Vec<(f64, Value)>, ReadError> {
         self.expect(b'{')?;
         let mut all = Vec::new();

@@ -1,4 +1,7 @@
 //! Legacy `.vtk` files, versions 2 to 5.1. Keywords are read in any case.
+//!
+//! Four lines of header, the geometry, then data at points and cells. Binary numbers are big-endian and follow the line
+//! of their keyword. Up to version 4 each cell's nodes come after their number; later versions list offsets.
 
 use super::poly::{Polygons, Section};
 use super::types::Version;
@@ -81,7 +84,7 @@ fn keyword(line: &str) -> (String, Vec<&str>) {
     (first, words.collect())
 }
 
-/// The type of an array: numbers, or values that are no fields.
+/// The type of an array: numbers, or values that are no fields and are skipped.
 enum Values {
     Numbers(Scalar),
     /// One bit each.
@@ -93,6 +96,7 @@ enum Values {
 }
 
 impl File {
+    /// An error at the current line.
     fn bad(&self, found: &str, expected: &str) -> ReadError {
         self.tokens.source.bad(quote(found), expected)
     }
@@ -130,7 +134,7 @@ impl File {
         }
     }
 
-    /// Reads a dataset of polygons and strips.
+    /// Reads a dataset of polygons and strips, from the line after DATASET to the end of the file.
     fn polygons(
         mut self,
         path: &Path,
@@ -175,7 +179,7 @@ impl File {
         Ok(VtkFile::Polygons(soup))
     }
 
-    /// Reads cells: the end of each cell's node list, and the nodes.
+    /// Reads cells: the end of each cell's node list, and the nodes. `a` and `b` are the counts in the keyword's line.
     fn cells(
         &mut self,
         version: Version,
@@ -198,10 +202,12 @@ impl File {
         self.tokens.source.count(claimed, least, what)
     }
 
+    /// A number type by its name.
     fn scalar(&self, word: &str) -> Result<Scalar, ReadError> {
         Scalar::from_legacy(word).ok_or_else(|| self.bad(word, "a number type, such as double"))
     }
 
+    /// So many numbers of a type as reals.
     fn reals(&mut self, scalar: Scalar, count: usize) -> Result<Vec<f64>, ReadError> {
         if !self.binary {
             let one = |_| self.tokens.double("a number");
@@ -213,6 +219,7 @@ impl File {
         Ok(numbers.map(|b| scalar.real(b, true)).collect())
     }
 
+    /// So many numbers of a type as integers.
     fn whole(&mut self, scalar: Scalar, count: usize) -> Result<Vec<i64>, ReadError> {
         if !self.binary {
             let one = |_| self.tokens.int("a whole number");
@@ -224,6 +231,7 @@ impl File {
         Ok(numbers.map(|b| scalar.whole(b, true)).collect())
     }
 
+    /// Reads the points, numbered from 0 in the collector, and returns their coordinates too.
     fn points(
         &mut self,
         count: &str,
@@ -239,7 +247,7 @@ impl File {
         Ok(numbers)
     }
 
-    /// Cells up to version 4: the number of nodes of each cell, then its nodes.
+    /// Cells up to version 4: the number of nodes of each cell, then its nodes. `total` counts all numbers.
     fn cells_by_length(
         &mut self,
         cells: &str,
@@ -268,7 +276,7 @@ impl File {
         Ok((ends, nodes))
     }
 
-    /// Cells of version 5: the start of each cell's nodes, then all nodes.
+    /// Cells of version 5: the start of each cell's nodes, then all nodes. `offsets` is the number of cells and one.
     fn cells_by_offset(
         &mut self,
         offsets: &str,
@@ -366,7 +374,7 @@ impl File {
         Ok(())
     }
 
-    /// Skips lines up to a blank one.
+    /// Skips lines up to a blank one, which ends a block of metadata.
     fn metadata(&mut self) -> Result<(), ReadError> {
         while let Some(line) = self.tokens.source.line()? {
             if line.trim().is_empty() {
@@ -376,7 +384,7 @@ impl File {
         Ok(())
     }
 
-    /// Reads named arrays.
+    /// Reads named arrays, each with its own length, and appends name, components and values to `found`.
     fn field(
         &mut self,
         arrays: &str,
@@ -408,7 +416,8 @@ impl File {
         Ok(())
     }
 
-    /// Reads an array of so many numbers. Strings and bits are no fields: they are left out with a note.
+    /// Reads an array of so many numbers. Strings and bits are no fields: they are read, left out with a note, and
+    /// `None` is returned.
     fn array(
         &mut self,
         name: &str,
@@ -461,7 +470,7 @@ impl File {
         Ok(None)
     }
 
-    /// Skips a string of a binary file. The two highest bits of its first byte tell how many bytes its length has:
+    /// Skips a string of a binary file. The two highest bits of its first byte give the number of bytes of its length:
     /// 3, 2, 1 and 0 for 1, 2, 4 and 8. The remaining bits are the length, the highest first.
     fn skip_string(&mut self) -> Result<(), ReadError> {
         let [first] = self.tokens.source.array::<1>("the length of a string")?;
@@ -478,7 +487,7 @@ impl File {
     }
 }
 
-/// The number of nodes or elements, the length of a field.
+/// The number of nodes or elements: a field has one value for each.
 fn value_count(collector: &Collector, at: FieldAt) -> usize {
     match at {
         FieldAt::Points => collector.point_count(),

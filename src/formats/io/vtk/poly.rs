@@ -36,7 +36,7 @@ pub(super) struct Polygons {
 
 impl Polygons {
     /// Adds the cells of a piece; points are numbered from `first_point`, cells from `first_cell`. Returns the
-    /// number of cells.
+    /// number of cells, points and lines included. Corners beyond the points are reported later.
     pub fn add(
         &mut self,
         path: &Path,
@@ -92,7 +92,7 @@ impl Polygons {
         Ok(cell - first_cell)
     }
 
-    /// The polygons over the points; `fields` at cells are transferred to the faces.
+    /// The polygons over the points; `fields` at cells, one value for each of `cells`, are transferred to the faces.
     pub fn soup(
         self,
         path: &Path,

@@ -94,7 +94,7 @@ pub(super) fn is_flat_lagrange(cell_type: u8) -> bool {
     matches!(cell_type, 69 | 70)
 }
 
-/// The degree along every axis of a supported Lagrange cell.
+/// The degree along every axis of a supported Lagrange cell; `None` for other cells.
 pub(super) fn lagrange_degree(cell_type: u8, nodes: usize) -> Option<usize> {
     let found = LAGRANGE_CELLS
         .iter()

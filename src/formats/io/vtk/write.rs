@@ -130,7 +130,9 @@ struct Sections {
     offset: u64,
 }
 
+// An appended array is its length in 8 bytes and its bytes; offsets count from the mark "_".
 impl Sections {
+    /// Adds an array with its tag; `kind` is VTK's name of the number type of `data`, little-endian.
     fn array(&mut self, name: &str, kind: &str, components: usize, data: Vec<u8>) {
         let name = quick_xml::escape::escape(name);
         // Writing to a string cannot fail.
@@ -169,6 +171,7 @@ impl Sections {
         self.text.push_str("</CellData>\n");
     }
 
+    /// Writes the file atomically; returns its size in bytes.
     fn save(&self, path: &Path, points: usize, cells: usize) -> Result<u64, WriteError> {
         let mut file = AtomicFile::create(path)?;
         match self.write(&mut file, points, cells) {
@@ -177,6 +180,7 @@ impl Sections {
         }
     }
 
+    /// Writes the XML, then the arrays.
     fn write(&self, out: &mut impl Write, points: usize, cells: usize) -> std::io::Result<()> {
         write!(
             out,

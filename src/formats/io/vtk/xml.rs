@@ -1,4 +1,7 @@
 //! XML `.vtu` and `.vtp` files: text, base64, appended raw or base64, with or without zlib.
+//!
+//! The file is read as a whole. A grid consists of pieces, whose points and cells follow one another; arrays are
+//! decoded when their element ends. Sizes are checked against the file before memory is taken.
 
 mod data;
 
@@ -56,7 +59,7 @@ pub fn read(path: &Path) -> Result<VtkFile, ReadError> {
     document.collector.finish(|_| None).map(VtkFile::Elements)
 }
 
-/// A `DataArray`: the attributes of its tag, and its text.
+/// A `DataArray`: the attributes of its tag, its text, and the byte of its tag for messages.
 struct Array<'a> {
     name: String,
     scalar: Scalar,
@@ -66,6 +69,7 @@ struct Array<'a> {
     byte: u64,
 }
 
+/// Where the numbers are: text or base64 in the element, or at an offset in the appended data.
 #[derive(Clone, Copy, PartialEq)]
 enum ArrayEncoding {
     Text,
@@ -106,7 +110,7 @@ struct Document<'a> {
 }
 
 impl<'a> Document<'a> {
-    /// Reads the document event by event.
+    /// Reads the document event by event, and checks that it is complete.
     fn parse(&mut self) -> Result<(), ReadError> {
         let mut reader = Reader::from_reader(self.text);
         reader.config_mut().check_end_names = true;
@@ -295,6 +299,7 @@ impl<'a> Document<'a> {
         })
     }
 
+    /// A whole number in an attribute, which has to be given.
     fn number(&self, tag: &BytesStart, name: &str, byte: u64) -> Result<u64, ReadError> {
         let value = attribute(tag, name).unwrap_or_default();
         value.trim().parse().map_err(|_| {
@@ -303,7 +308,7 @@ impl<'a> Document<'a> {
         })
     }
 
-    /// Decodes an array into its place in the piece, by its `parent` element and its name.
+    /// Decodes an array into its place in the piece, by its `parent` element and its name; other arrays are dropped.
     fn fill(&self, piece: &mut Piece, parent: &str, array: &Array) -> Result<(), ReadError> {
         if parent == "Points" {
             if array.components != 3 {
@@ -349,7 +354,7 @@ impl<'a> Document<'a> {
         Ok(())
     }
 
-    /// The numbers of an array: `parse` reads a word of text, `value` the bytes of a number.
+    /// The numbers of an array: `parse` reads a word of text, `value` the bytes of a number, with true for big-endian.
     fn decode<T>(
         &self,
         array: &Array,
@@ -406,7 +411,7 @@ impl<'a> Document<'a> {
             .collect())
     }
 
-    /// Adds a piece to the points, cells and fields of the file.
+    /// Adds a piece to the points, cells and fields of the file; its sizes have to agree.
     fn finish_piece(&mut self, mut piece: Piece) -> Result<(), ReadError> {
         let missing = |what: &str| {
             ReadError::data(
@@ -480,6 +485,7 @@ impl<'a> Document<'a> {
         Ok(())
     }
 
+    /// An error at a byte of the file.
     fn bad(&self, byte: u64, found: String, expected: impl Into<String>) -> ReadError {
         ReadError::data(self.path, Place::Byte(byte), found, expected)
     }
@@ -491,10 +497,12 @@ fn one_line(text: &str) -> String {
     words.join(" ").chars().take(120).collect()
 }
 
+/// Bytes as text; invalid ones are replaced.
 fn text_of(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
+/// The text of an attribute, if it is there.
 fn attribute(tag: &BytesStart, name: &str) -> Option<String> {
     let found = tag
         .attributes()

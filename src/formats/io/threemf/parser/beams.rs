@@ -1,4 +1,5 @@
-//! The XML elements of beam lattices.
+//! The XML elements of beam lattices. Attributes that a beam or ball leaves out have the value of the lattice; lengths
+//! are in the unit of the model.
 
 use super::Parser;
 use crate::io::beam_parts::BeamCap;
@@ -12,6 +13,7 @@ use quick_xml::events::BytesStart;
 use std::io::BufRead;
 
 impl<R: BufRead> Parser<'_, R> {
+    /// An optional cap.
     fn cap(&self, e: &BytesStart, name: &str) -> Result<Option<BeamCap>, ReadError> {
         use BeamCap::{Butt, Hemisphere, Sphere};
         let known = [
@@ -22,6 +24,7 @@ impl<R: BufRead> Parser<'_, R> {
         self.keyword(e, name, &known)
     }
 
+    /// An optional radius, more than 0.
     fn radius(&self, e: &BytesStart, name: &str) -> Result<Option<f64>, ReadError> {
         let found = self.length(e, name)?;
         if found == Some(0.0) {
@@ -30,6 +33,7 @@ impl<R: BufRead> Parser<'_, R> {
         Ok(found)
     }
 
+    /// The lattice of the current object; an error outside lattices.
     fn lattice(&mut self, e: &BytesStart) -> Result<&mut Lattice, ReadError> {
         let is_open = self
             .object
@@ -70,6 +74,7 @@ impl<R: BufRead> Parser<'_, R> {
                 };
                 let lattice = Lattice {
                     min_length: min_length.unwrap_or(0.0),
+                    // 0 stands for a missing radius, which each beam then has to state.
                     radius: self.radius(e, "radius")?.unwrap_or(0.0),
                     cap: self.cap(e, "cap")?.unwrap_or_default(),
                     clip: clip.unwrap_or_default(),
@@ -96,6 +101,7 @@ impl<R: BufRead> Parser<'_, R> {
                 let radii = [self.radius(e, "r1")?, self.radius(e, "r2")?];
                 let caps = [self.cap(e, "cap1")?, self.cap(e, "cap2")?];
                 let lattice = self.lattice(e)?;
+                // The second radius is the first one if it is missing.
                 let first = radii[0].unwrap_or(lattice.radius);
                 let beam = Strut {
                     ends,

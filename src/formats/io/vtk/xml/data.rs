@@ -40,7 +40,7 @@ pub(super) struct Appended<'a> {
 }
 
 impl<'a> Appended<'a> {
-    /// Splits a file before its appended data, which need not be XML.
+    /// Splits a file before its appended data, which need not be XML; they begin after the first "_" of their element.
     pub fn split(file: &'a [u8]) -> (&'a [u8], Option<Self>) {
         let find = |what: &[u8], from: usize| {
             let rest = file.get(from..)?;
@@ -95,6 +95,7 @@ impl Format {
                 return Err((found, "vtkZLibDataCompressor or none"));
             }
         };
+        // `known` marks that this layout is the file's and not the default.
         Ok(Self {
             big_endian,
             header,
@@ -108,7 +109,7 @@ impl Format {
         self.unpack(&base64(text)?, allowance)
     }
 
-    /// The bytes of an array in the appended data.
+    /// The bytes of an array at an offset in the appended data.
     pub fn appended(
         self,
         appended: &Appended,
@@ -142,7 +143,7 @@ impl Format {
         self.unpack(&base64(text)?, allowance)
     }
 
-    /// Header number `i` as a count.
+    /// Header number `i` of an array as a count.
     fn count(self, data: &[u8], i: usize) -> Result<usize, Damage> {
         let size = self.header.size();
         let bytes = i
@@ -227,7 +228,7 @@ fn encoded(bytes: usize) -> usize {
 }
 
 /// Decodes base64, ignoring white space. Padding may occur in the middle, since header and data are often
-/// encoded separately.
+/// encoded separately, and may be missing at the end.
 fn base64(text: &[u8]) -> Result<Vec<u8>, Damage> {
     let mut bytes = Vec::with_capacity(text.len() / 4 * 3);
     let (mut bits, mut count, mut padding) = (0u32, 0, 0);
