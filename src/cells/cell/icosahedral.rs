@@ -22,12 +22,14 @@ use std::sync::Arc;
 /// Frequencies closer than this are equal.
 const FREQUENCY_TOLERANCE: f64 = 1e-9;
 
-/// A sum of products of cosines. `frequencies` lists the distinct frequencies of all factors.
+/// A sum of products of three cosines, one along each axis.
 #[derive(Debug)]
 pub(super) struct Products {
+    /// The distinct frequencies of all factors, ascending, cycles per reference length.
     frequencies: Vec<f64>,
     /// Indices of the frequencies along x and y, and the range in `terms` that goes with them.
     runs: Vec<([usize; 2], Range<usize>)>,
+    /// Index of the frequency along z, and weight.
     terms: Vec<(usize, f64)>,
 }
 
@@ -38,8 +40,9 @@ pub struct Icosahedral {
     products: Arc<Products>,
 }
 
+// Series of six dimensions restricted to space.
 impl From<Series<6>> for Icosahedral {
-    /// Requires the group Ih, which cells guarantee.
+    /// Requires the group Ih (all symmetries of the icosahedron, mirrors included), which cells guarantee.
     fn from(series: Series<6>) -> Self {
         let products = Arc::new(Products::new(&series));
         let series = Box::new(series);
@@ -92,7 +95,7 @@ impl Field for Icosahedral {
 }
 
 impl Products {
-    /// The products of a series of the ball.
+    /// The products of a series over the icosahedral module, which has the group Ih.
     fn new(series: &Series<6>) -> Self {
         // The mirrors make the sum even along each axis: sines cancel, and a wave with frequency f becomes a
         // product of the cosines of |f_x|, |f_y|, |f_z|.
@@ -146,14 +149,17 @@ impl Products {
         self.frequencies.last().copied().unwrap_or(0.0)
     }
 
+    /// The cosine of each frequency at the coordinate `x`.
     fn cosines(&self, x: f64) -> Vec<f64> {
         let angles = self.frequencies.iter().map(|f| TAU * f * x);
         angles.map(libm::cos).collect()
     }
 
+    /// The sum of weight cos x cos y cos z at a point in reference lengths.
     fn value(&self, p: Vec3) -> f64 {
         let [x, y, z] = [p.x, p.y, p.z].map(|c| self.cosines(c));
         let mut sum = 0.0;
+        // The factors along x and y are common to a run.
         for ([i, j], range) in &self.runs {
             let along: f64 = self.terms[range.clone()].iter().map(|t| t.1 * z[t.0]).sum();
             sum += x[*i] * y[*j] * along;
@@ -161,7 +167,7 @@ impl Products {
         sum
     }
 
-    /// Value and gradient at a point.
+    /// Value and gradient (per reference length) at a point in reference lengths.
     fn value_and_gradient(&self, p: Vec3) -> (f64, Vec3) {
         // Cosines and their derivatives.
         let tables = |x: f64| -> (Vec<f64>, Vec<f64>) {
@@ -189,7 +195,7 @@ impl Products {
         (value, gradient)
     }
 
-    /// Values on a grid with the same coordinates `places` along every axis, z fastest.
+    /// Values on a grid with the same coordinates `places` along every axis, in reference lengths, z fastest.
     pub fn on_grid(&self, places: &[f64]) -> Vec<f64> {
         use rayon::prelude::*;
         let n = places.len();

@@ -61,6 +61,8 @@ pub(super) struct Samples {
 
 impl Samples {
     /// Samples on as many points as a grid of `single_flag_parts` parts per edge has on one flag.
+    /// `single_flag_parts` is the number for a domain of one flag. The parts of each of several flags are fewer (by the
+    /// cube root of the number of flags), even, and at least 8.
     pub fn new(cell: &Cell, single_flag_parts: usize) -> Self {
         let domain = Domain::solid(cell.element, &cell.operators);
         let factor = libm::cbrt(domain.flags.len() as f64).recip();
@@ -94,6 +96,7 @@ impl Samples {
 
     /// The weight in a flag of the grid cube with lowest corner `corner`, in steps of a grid of `parts` parts: the
     /// density at the cube's centre.
+    /// The weight is 1 without a density.
     fn cube_weight(&self, flag: usize, parts: usize, corner: [usize; 3]) -> f64 {
         self.density.as_ref().map_or(1.0, |density| {
             // If a cube crosses the boundary of the flag, its centre lies on the boundary.
@@ -110,6 +113,7 @@ impl Samples {
     }
 
     /// Parts per edge of the grid of one flag for an evaluation time of about one second.
+    /// The number counts for one flag; [`Samples::new`] divides it among several.
     fn affordable_parts(cell: &Cell) -> usize {
         match cell.expression.exponentials() {
             ..EXTRAPOLATION_MIN_EXPONENTIALS => SHORT_SERIES_PARTS,
@@ -120,6 +124,7 @@ impl Samples {
 
     /// The values on the flag with this number.
     fn flag_values(&self, flag: usize) -> &[f64] {
+        // Each flag has the same number of values.
         let count = self.values.len() / self.domain.flags.len();
         &self.values[flag * count..(flag + 1) * count]
     }
@@ -135,6 +140,7 @@ impl Samples {
 
     /// Weighted share of the element below `t` and its derivative with respect to `t`, on the grid of every
     /// `stride`-th point per edge.
+    /// The derivative is that of the share per unit of the function's value. `stride` is 1 or 2.
     fn share_below(&self, t: f64, stride: usize) -> (f64, f64) {
         let (share, rate) = self.weighted_share_below(t, stride);
         if self.density.is_none() {
@@ -166,6 +172,7 @@ impl Samples {
     }
 
     /// Share of the element that is solid, and its derivative with respect to the level.
+    /// `level` is the half width of the values for a sheet and channels. The derivative is that per unit of level.
     fn solid_share(&self, solid: Solid, level: f64, stride: usize) -> (f64, f64) {
         let below = || self.share_below(level, stride);
         // Between -level and level.
@@ -184,6 +191,7 @@ impl Samples {
     }
 
     /// The change of the share below `t` caused by the curvature of the function between grid points.
+    /// A share of the element, positive where the function itself makes more volume than its linear interpolant.
     fn curvature_gain(&self, cell: &Cell, t: f64) -> f64 {
         let parts = self.grid.parts();
         let value = |p: CellPoint<3>| cell.expression.value(p);
@@ -201,6 +209,7 @@ impl Samples {
     }
 
     /// Share of the element that is solid, corrected for curvature, and its derivative without the correction.
+    /// The pair is (share, derivative), the first not limited to 0..1.
     fn corrected_solid_share(&self, cell: &Cell, level: f64) -> (f64, f64) {
         let (share, rate) = self.solid_share(cell.solid, level, 1);
         let gain_at = |t: f64| self.curvature_gain(cell, t);
@@ -214,6 +223,7 @@ impl Samples {
     }
 
     /// The level at which the solid's share is `fraction`, by Newton's method safeguarded by bisection.
+    /// `fraction` is between 0 and 1. After [`LEVEL_MAX_ITERATIONS`] steps the last level is returned as it is.
     fn level_for(&self, solid: Solid, fraction: f64, stride: usize) -> f64 {
         let (lo, hi) = self.range();
         // The solid between -level and level depends on |level| only.
@@ -231,6 +241,7 @@ impl Samples {
             } else {
                 hi = level;
             }
+            // A rate of 0 makes the step infinite or no number, and the interval is halved instead.
             let newton = level - (share - fraction) / rate;
             let next = if newton > lo && newton < hi {
                 newton
@@ -247,6 +258,8 @@ impl Samples {
     }
 
     /// The level at which the corrected share is `fraction`, starting from a nearby level.
+    /// Newton's steps use the derivative without the correction. They end when the error no longer falls; the best
+    /// level is returned, which is `start` if none is better.
     fn corrected_level(&self, cell: &Cell, fraction: f64, start: f64) -> f64 {
         let mut level = start;
         let (mut least_error, mut best_level) = (f64::INFINITY, start);
@@ -275,15 +288,19 @@ fn extrapolated(fine: f64, coarse: f64) -> f64 {
 impl Cell {
     /// Share of the element that is solid. The relative error is about 1e-4 for a fitted cell and below 2e-6
     /// for a closed form.
+    /// The level of the cell is used; 0 to 1.
     pub fn volume_fraction(&self) -> f64 {
         self.fraction(None)
     }
 
     /// The share weighted by a density of this cell, such as the volume in space per reference volume.
+    /// It is the mean of the density over the solid part, relative to that over the element; 0 to 1. The density
+    /// belongs to a cell of the same element and group.
     pub fn weighted_volume_fraction(&self, density: &Density) -> f64 {
         self.fraction(Some(density))
     }
 
+    /// The share of the element, weighted if there is a density, from 0 to 1.
     fn fraction(&self, density: Option<&Density>) -> f64 {
         let samples = self
             .samples(Samples::affordable_parts(self))
@@ -299,6 +316,8 @@ impl Cell {
     }
 
     /// The level at which the solid's share of the element is `fraction`.
+    /// The cell is not changed. For a sheet and channels the level is the half width of the values. The accuracy is
+    /// that of [`Cell::volume_fraction`].
     ///
     /// # Errors
     /// [`CellError::OutOfRange`] unless 0 < fraction < 1; [`CellError::NoSurface`] if the function is constant.
@@ -367,6 +386,7 @@ impl Cell {
     }
 
     /// Checks by samples that the element holds both solid and void.
+    /// The grid has a step of about 1/24 of a flag's edge, so that a smaller void or solid can be missed.
     ///
     /// # Errors
     /// [`CellError::NoSurface`] with the missing phase and the range of the field.

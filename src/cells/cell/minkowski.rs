@@ -53,6 +53,7 @@ const SAMPLES_PER_UNIT: f64 = 64.0;
 
 /// The sum or difference of two sets of samples on a torus of `n`^3 samples at u = j/N - 1/2, last axis
 /// fastest. The result is exact, as if computed from all pairs of samples.
+/// `n` is even, so that u = 0 is a sample: that of the origin of B. True is solid. The solids wrap around the torus.
 ///
 /// # Panics
 /// If `a` or `b` does not hold `n`^3 samples.
@@ -75,6 +76,8 @@ pub fn combine(a: &[bool], b: &[bool], n: usize, operation: Operation) -> Vec<bo
         }
     });
     let scale = (n as f64).powi(3).recip();
+    // Counts of pairs are integers: any pair for the sum, every point of B for the difference. Half a count separates
+    // them despite rounding.
     let threshold = match operation {
         Operation::Sum => 0.5,
         Operation::Difference => count - 0.5,
@@ -87,6 +90,8 @@ pub fn combine(a: &[bool], b: &[bool], n: usize, operation: Operation) -> Vec<bo
 }
 
 /// The cell of a sum or difference, fitted to the signed distance of the result.
+/// `name` is that of the new cell, and `options` are those of the fit. Planar elements have no result. The grid has
+/// about 64 samples per reference length, so that details of the result below 1/64 are lost.
 ///
 /// # Errors
 /// [`FitError`]: cells of different elements, an element whose cell has no continuation, a result
@@ -112,6 +117,7 @@ pub fn minkowski(
     // Indicators of both solids on the grid of the period. A clipped cell is empty outside its element.
     let sampled = |table: &Table, clipped: bool, extension: Extension| -> Vec<bool> {
         frame.sample(|p| {
+            // The tolerance keeps samples on the faces, which rounding may put outside.
             let within = !clipped || element.face_distance(p) <= 1e-9;
             within && table.value(CellPoint(extension.inner(p.0))) < 0.0
         })
@@ -143,6 +149,7 @@ pub fn minkowski(
 }
 
 /// The phase that is absent, if one is.
+/// "solid" or "void", as errors name it.
 fn missing(solid: &[bool]) -> Option<&'static str> {
     if !solid.contains(&true) {
         return Some("solid");
@@ -153,11 +160,13 @@ fn missing(solid: &[bool]) -> Option<&'static str> {
 /// A grid of N^3 samples over a box that holds the element, at -1/2 + j/N of its edges.
 struct Frame {
     n: usize,
+    /// The edges of the box, centred at the origin, in reference lengths.
     size: Vec3,
     /// The continuation of the cell; `None` if it ends at the faces.
     extension: Option<Extension>,
 }
 
+/// An error for a planar element, and for the torus of an element whose cell has no period.
 impl Frame {
     /// The grid over the box that the environment needs.
     fn new(element: Element, environment: Environment) -> Result<Self, FitError> {
@@ -184,10 +193,12 @@ impl Frame {
         Ok(Self { n, size, extension })
     }
 
+    /// Distance between samples along each axis, in reference lengths.
     fn steps(&self) -> [f64; 3] {
         std::array::from_fn(|a| self.size[a] / self.n as f64)
     }
 
+    /// The samples in the order of [`combine`]: last axis fastest, the first at the box's lowest corner.
     fn sample(&self, inside: impl Fn(CellPoint<3>) -> bool + Sync) -> Vec<bool> {
         let n = self.n;
         (0..n.pow(3))
@@ -201,6 +212,7 @@ impl Frame {
     }
 
     /// The trilinear interpolant of values on the grid.
+    /// It is periodic in the box.
     fn interpolate(&self, values: &[f64], p: CellPoint<3>) -> f64 {
         let u: [f64; 3] = p.0.component_div(&self.size).into();
         super::fit::multilinear(values, self.n, &u)

@@ -67,6 +67,8 @@ pub struct Mismatch {
 
 impl Cell {
     /// The cell's function on a frame.
+    /// Only a single series in space or in the plane gives waves; other functions, such as sums and products, are
+    /// sampled.
     pub fn restriction(&self, frame: &Frame) -> Restriction {
         let is_unsigned = matches!(self.solid(), super::Solid::Sheet | super::Solid::Channels);
         let data = match self.expression().node() {
@@ -89,6 +91,7 @@ impl Cell {
     }
 
     /// Value and derivative of the field at the points of a frame.
+    /// The points are a fixed low-discrepancy sequence, so that two restrictions have the same values of s.
     fn values_on(&self, frame: &Frame) -> Vec<[f64; 2]> {
         let sample = |n: usize| {
             let mut s = STEPS.map(|step| (0.5 + step * n as f64).fract());
@@ -108,10 +111,12 @@ impl Cell {
 }
 
 /// The waves of a series on a frame, those of equal frequency added.
+/// Each wave is a Cartesian frequency in cycles per reference length and its coefficient (re, im).
 fn merged(waves: impl Iterator<Item = (Vec3, [f64; 2])>, frame: &Frame) -> Vec<Wave> {
     let mut all: Vec<Wave> = waves
         .map(|(f, [re, im])| {
             let mut key = [0; 3];
+            // Missing axes keep the key 0.
             for (key, axis) in key.iter_mut().zip(&frame.axes) {
                 *key = (f.dot(axis) * KEY_SCALE).round() as i64;
             }
@@ -138,6 +143,8 @@ fn merged(waves: impl Iterator<Item = (Vec3, [f64; 2])>, frame: &Frame) -> Vec<W
 
 impl Restriction {
     /// How far two restrictions differ; infinitely if they are not comparable.
+    /// Waves bound the difference everywhere; samples give the greatest at the points. Two sheets are also compared
+    /// with one sign reversed, and the closer pair counts.
     pub fn mismatch(&self, other: &Self) -> Mismatch {
         let plain = self.signed_mismatch(other, 1.0);
         if !(self.is_unsigned && other.is_unsigned) {
@@ -152,6 +159,7 @@ impl Restriction {
     }
 
     /// The differences from the other function times a sign.
+    /// `sign` is 1 or -1. Slopes are added, since the normals of the two sides are opposite.
     fn signed_mismatch(&self, other: &Self, sign: f64) -> Mismatch {
         let size = |v: [f64; 2]| libm::hypot(v[0], v[1]);
         let mut found = Mismatch {
@@ -179,6 +187,7 @@ impl Restriction {
                         j += 1;
                     }
                     found.value += size([0, 1].map(|n| own.0[n] - sign * others.0[n]));
+                    // The derivative along the opposite normal has the opposite sign: a match makes this sum 0.
                     found.slope += size([0, 1].map(|n| own.1[n] + sign * others.1[n]));
                 }
             }

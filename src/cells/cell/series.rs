@@ -1,4 +1,9 @@
 //! Symmetric Fourier series: one coefficient per orbit pair, evaluated exactly.
+//!
+//! A frequency is a tuple k of D integers, the indices on the reciprocal lattice. With u, the lattice coordinates of
+//! a point, its wave is exp(2 pi i k.u), and f is its Cartesian frequency in cycles per reference length. The operators
+//! of the group map a frequency to its orbit, and all members of an orbit have the same coefficient.
+//! The series keeps both the coefficients and all their waves; [`TrigSum`] adds these up.
 
 use super::CellError;
 use super::trig_sum::{AXES, TrigSum};
@@ -25,6 +30,7 @@ pub struct Series<const D: usize> {
     group: PointGroup<D>,
     lattice: Lattice<D>,
     coefficients: Vec<Coefficient<D>>,
+    /// Every wave with its coefficient (re, im), in ascending order of the index.
     expanded: Vec<(Frequency<D>, [f64; 2])>,
     waves: TrigSum,
 }
@@ -36,6 +42,7 @@ const MAX_EXPONENTIALS: usize = 2_000_000;
 
 impl<const D: usize> Series<D> {
     /// The series with these coefficients, each orbit pair at most once.
+    /// `terms` are pairs of an index and (re, im); any member of the orbit, or of its opposite, may be listed.
     ///
     /// # Errors
     /// [`CellError::Coefficient`] for an orbit pair listed twice, a number that is not finite, a
@@ -73,6 +80,7 @@ impl<const D: usize> Series<D> {
             };
             let orbit = group.orbit(rep);
             let size = c[0].abs().max(c[1].abs());
+            // The limit 1e-9 is relative to the coefficient.
             // An orbit with k and -k needs a real coefficient. A small imaginary part is rounding and becomes
             // 0.
             if orbit.is_self_paired() && c[1].abs() > 1e-9 * size {
@@ -129,6 +137,7 @@ impl<const D: usize> Series<D> {
     }
 
     /// The mean over the operators of a space group with its site group: the invariant series that is nearest.
+    /// Coefficients below 1e-14 of the greatest are dropped.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -168,6 +177,7 @@ impl<const D: usize> Series<D> {
     }
 
     /// Every exponential with its coefficient, in ascending order of the index.
+    /// The values are (re, im).
     pub fn exponentials(&self) -> &[(Frequency<D>, [f64; 2])] {
         &self.expanded
     }
@@ -203,6 +213,7 @@ impl<const D: usize> Series<D> {
     }
 
     /// Bound of |value - mean|: the sum of |C| over all exponentials except the constant.
+    /// It bounds from above; the series need not reach it.
     pub fn amplitude(&self) -> f64 {
         self.sum_of(|k| if k == [0; D] { 0.0 } else { 1.0 })
     }
@@ -217,6 +228,7 @@ impl<const D: usize> Series<D> {
         self.sum_of(|k| (TAU * self.lattice.frequency_norm(k)).powi(2))
     }
 
+    /// The sum of |C| times a weight over all waves.
     fn sum_of(&self, weight: impl Fn(Frequency<D>) -> f64) -> f64 {
         self.expanded
             .iter()
@@ -242,6 +254,7 @@ impl<const D: usize> Series<D> {
     }
 
     /// The series minus a constant.
+    /// `by` is in the function's unit.
     #[must_use]
     pub fn lowered(&self, by: f64) -> Self {
         let constant = [0; D];
@@ -267,6 +280,7 @@ impl<const D: usize> Series<D> {
     }
 
     /// a self + b other, if both have the same group and lattice.
+    /// `None` if group or lattice differ.
     pub fn plus(&self, a: f64, other: &Self, b: f64) -> Option<Self> {
         if self.group.operators() != other.group.operators() || self.lattice != other.lattice {
             return None;
@@ -299,6 +313,7 @@ impl<const D: usize> Series<D> {
     }
 
     /// A series over the same group and lattice with other coefficients.
+    /// The lists keep the orders of [`Series`]; neither is checked.
     fn with(
         &self,
         coefficients: Vec<Coefficient<D>>,
@@ -313,6 +328,7 @@ impl<const D: usize> Series<D> {
         }
     }
 
+    /// The lattice coordinates of a point, on the last axes as [`pad`] puts indices; the others are 0.
     fn lattice_point(&self, p: CellPoint<D>) -> [f64; AXES] {
         let u = self.lattice.inverse() * p.0;
         let mut padded = [0.0; AXES];
@@ -351,6 +367,7 @@ impl<const D: usize> Field for Series<D> {
     fn value_and_gradient(&self, p: CellPoint<D>) -> (f64, SVector<f64, D>) {
         let (v, g) = self.waves.value_and_gradient(self.lattice_point(p));
         let g = SVector::<f64, D>::from_fn(|a, _| g[AXES - D + a]);
+        // Derivatives in lattice coordinates become Cartesian by the transpose of the inverse lattice.
         (v, self.lattice.inverse().tr_mul(&g))
     }
 
@@ -361,6 +378,7 @@ impl<const D: usize> Field for Series<D> {
         // Taylor bounds of first order (gradient bound) and second order (gradient at the centre).
         let reach = (self.gradient_bound() * radius)
             .min(g.norm() * radius + self.hessian_bound() * radius * radius / 2.0);
+        // The slack covers the rounding of the sum of waves.
         let (m, a) = (self.mean(), self.amplitude());
         let slack = 1e-12 * (m.abs() + a);
         Interval::new(

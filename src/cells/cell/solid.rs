@@ -1,4 +1,8 @@
 //! The solid of a cell: one side of a level, or a sheet around the zero surface.
+//!
+//! A cell is a function Phi, a level and a kind of solid. From these comes the solid field, negative in the solid,
+//! with its slope and its range; Phi is a plain number here. The level is a value of Phi, not a length.
+//! A sheet and its channels take the level as a positive half width of values around 0.
 
 use super::CellError;
 use druse_geometry::field::Interval;
@@ -18,6 +22,7 @@ pub enum Solid {
 }
 
 /// How a sheet or its channels are made from a function without kinks: sign (|phi| - half).
+/// phi and `half` are values of the function, not lengths.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fold {
     /// 1 for a sheet, -1 for channels.
@@ -60,6 +65,7 @@ impl Solid {
     }
 
     /// The fold of a sheet or its channels; `None` for one side of a level.
+    /// `half` is the level.
     pub(super) fn fold(self, half: f32) -> Option<Fold> {
         let sign = match self {
             Self::Below | Self::Above => return None,
@@ -70,6 +76,7 @@ impl Solid {
     }
 
     /// Checks the range of a level.
+    /// An error unless |level| < 1e18, and level > 0 for a sheet and channels.
     pub(super) fn check(self, level: f64) -> Result<(), CellError> {
         let positive = !self.is_symmetric() || level > 0.0;
         if is_in_range(level) && positive {
@@ -90,6 +97,7 @@ impl Solid {
     }
 
     /// The solid field, negative inside, at a value of the function.
+    /// `level` is in the unit of phi. A sheet and channels depend on |phi| only.
     pub fn value(self, phi: f64, level: f64) -> f64 {
         match self {
             Self::Below => phi - level,
@@ -129,6 +137,7 @@ impl Solid {
     }
 
     /// The level whose solid field is lower by `by`.
+    /// `by` is in the unit of the field.
     pub(super) fn shifted(self, level: f64, by: f64) -> f64 {
         match self {
             Self::Below | Self::Sheet => level + by,
@@ -137,6 +146,7 @@ impl Solid {
     }
 
     /// The complement's kind at the same level.
+    /// The solid field changes its sign.
     pub(super) const fn inverted(self) -> Self {
         match self {
             Self::Below => Self::Above,

@@ -4,8 +4,8 @@
 //! extend beyond its element or fill only a part of it. Whatever its origin (triangles, points, voxels,
 //! struts, plates, a formula), the fit evaluates it at points; values are negative inside.
 //!
-//! A source is *exact* if its value is the distance to its surface. A formula is not exact, and neither
-//! is a source that its placement shears.
+//! A source is *exact* if its value is the distance to its surface. A formula is not exact, and neither is a source
+//! that its placement shears, except a mesh, whose corners are placed before distances are measured.
 
 use super::FitError;
 use super::fit::{Placement, SourceReport};
@@ -94,6 +94,8 @@ enum Values {
 impl Source {
     /// A function in source coordinates, mapped to the reference frame by a placement. `bounds` is the box of the
     /// solid in source coordinates.
+    /// Values are scaled by the placement's factor, so that distances stay distances under a similarity. The report's
+    /// share is that of the box of the source inside the element's box. An error if the placement fits no such box.
     fn placed(
         kind: SourceKind,
         element: Element,
@@ -145,6 +147,7 @@ impl Source {
     }
 
     /// Struts, plates or both.
+    /// Struts make the kind `Graph`, even beside plates.
     ///
     /// # Errors
     /// [`FitError::Placement`] and [`FitError::Skeleton`].
@@ -170,6 +173,7 @@ impl Source {
     }
 
     /// A formula in x, y, z, negative inside.
+    /// The values are levels, not distances. The variables are in source coordinates, before the placement.
     ///
     /// # Errors
     /// [`FitError::Placement`], also for "fit", since a formula has no bounding box.
@@ -204,6 +208,7 @@ impl Source {
     }
 
     /// Points with normals.
+    /// `cloud` has its distance in source coordinates. The report's share counts the points inside the element.
     ///
     /// # Errors
     /// [`FitError::Placement`].
@@ -230,6 +235,7 @@ impl Source {
         // Points outside the element do not belong to its cell; the report has their share.
         source
             .points
+            // Distances to the faces are negative inside; points on a face are kept.
             .retain(|p| element.face_distance(CellPoint(*p)) <= 0.0);
         source.report.points = count;
         source.report.share_inside = source.points.len() as f64 / count as f64;
@@ -242,6 +248,7 @@ impl Source {
     }
 
     /// Samples on a regular grid. By default the box of the grid is the element's bounding cube.
+    /// Periodic only for hex and quad elements, whose period is the element's box.
     ///
     /// # Errors
     /// [`FitError::Placement`].
@@ -266,12 +273,14 @@ impl Source {
     }
 
     /// The largest band limit that the samples support; infinite unless the source is sampled.
+    /// In cycles per reference length, at least 1: half of the samples per reference length, rounded down.
     pub fn max_band_limit(&self) -> f64 {
         self.resolution
             .map_or(f64::INFINITY, |n| (n.max(3) - 1).div_euclid(2) as f64)
     }
 
     /// Checks that the samples support frequencies up to `band_limit`.
+    /// A source that is not sampled supports all. The band limit is in cycles per reference length.
     ///
     /// # Errors
     /// [`VoxelError::TooCoarse`] for fewer than 2 R + 1 samples per unit of length.
@@ -302,11 +311,13 @@ impl Source {
     }
 
     /// Known points of the surface inside the element; empty if none are known.
+    /// In reference coordinates; a mesh and points know theirs.
     pub fn surface_points(&self) -> &[Vec3] {
         &self.points
     }
 
     /// Kind, size and position of the source.
+    /// Lengths are reference lengths.
     pub fn report(&self) -> SourceReport {
         self.report
     }

@@ -9,8 +9,8 @@ use druse_geometry::progress::Progress;
 
 /// Fits a cell to a source.
 ///
-/// The report contains the source's bounding box after placement and its share inside the element. The part
-/// outside is not used.
+/// The report in the cell contains the source's bounding box after placement and its share inside the element. The
+/// part outside is not used.
 ///
 /// # Errors
 /// As [`super::fit()`].
@@ -21,14 +21,18 @@ pub fn fit_source(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Cell, FitError> {
-    // A search for a tolerance starts with a low band limit and checks the resolution by itself.
+    // Without a tolerance the band limit is that of the options. A search for a tolerance starts with a low one and
+    // checks the resolution by itself.
     if options.tolerance.is_none() {
         source.check_resolution(options.band_limit)?;
     }
     let info = SourceInfo {
+        // Points of the surface, at which the error of the fit is measured.
         points: source.surface_points().to_vec(),
         source: Some(source.report()),
+        // A source is no repeating field: it has no period of its own.
         period: None,
+        // Values that are no exact distances lower what the report claims about errors.
         inexact: !source.is_exact(),
     };
     fit_with(

@@ -49,6 +49,7 @@ pub(super) fn layer_correction(
 
 /// The corners, in cyclic order, of the section of a tetrahedron where the linear function with these corner values
 /// equals `t`.
+/// The corners may be in any coordinates. The result has 3 or 4 points, and none if the level does not cut.
 fn section(points: &[Point; 4], values: &[f64; 4], t: f64) -> Vec<Point> {
     let (below, above): (Vec<usize>, Vec<usize>) = (0..4).partition(|&c| values[c] < t);
     let edge_point = |a: usize, b: usize| -> Point {

@@ -1,3 +1,6 @@
+//! Shares of volume count every point of the element alike. In a curved or graded part that is not the volume in
+//! space, and a density weights them. The density is averaged over the cell's group and interpolated on a coarse grid
+//! per flag; it is not checked to be positive or finite.
 //! A density over the element: the volume in space that each point of the element represents.
 
 use super::super::Cell;
@@ -20,6 +23,7 @@ pub struct Density {
 
 impl Density {
     /// The density in a flag at ordered coordinates 1 >= a >= b >= c >= 0.
+    /// `flag` is the flag's number in the cell's fundamental domain.
     pub(super) fn at(&self, flag: usize, coordinates: [f64; 3]) -> f64 {
         let scaled = coordinates.map(|c| c * DENSITY_PARTS as f64);
         let low = scaled.map(|c| (c.floor() as usize).min(DENSITY_PARTS - 1));
@@ -42,6 +46,7 @@ impl Density {
         };
         let mut sum = 0.0;
         for i in 0..4 {
+            // The shape functions of a quadratic tetrahedron: s (2 s - 1) at a corner and 4 s t at an edge midpoint.
             sum += shares[i] * (2.0 * shares[i] - 1.0) * value_between(i, i);
             for j in 0..i {
                 sum += 4.0 * shares[i] * shares[j] * value_between(i, j);
@@ -54,9 +59,12 @@ impl Density {
 impl Cell {
     /// A density over the cell's element, or over the prism of height 1 on a planar element: for example
     /// the volume in space of many elements divided by that of the reference element.
+    /// `value` is called at points of the element in reference coordinates, from several threads, and should be
+    /// positive.
     pub fn density(&self, value: &(dyn Fn(CellPoint<3>) -> f64 + Sync)) -> Density {
         let domain = Domain::solid(self.element, &self.operators);
         let mut images: Vec<Mat3> = self.operators.to_vec();
+        // The prism of a planar element is also symmetric in its middle plane, which the planar operators lack.
         if self.element.dimension() == 2 {
             let flip = Mat3::from_diagonal(&Vec3::new(1.0, 1.0, -1.0));
             images.extend(self.operators.iter().map(|q| q * flip));

@@ -49,6 +49,7 @@ pub(super) fn layer_share_below(
     let value_at = |point: [usize; 3]| values[SimplexGrid::index(point.map(|x| x * stride))];
     let (mut share, mut rate) = (0.0, 0.0);
     for j in 0..=i {
+        // Cube (i, j, k) has tetrahedra in the simplex only for i >= j >= k.
         for k in 0..=j {
             // For i > j > k all eight corners, and so all six tetrahedra of the cube, lie in the simplex. Most such
             // cubes lie on one side of the level.

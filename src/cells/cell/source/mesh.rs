@@ -1,4 +1,8 @@
 //! Triangle meshes as sources: placement, caps, and the share of the surface that lies inside.
+//!
+//! The mesh is placed first; then inside, distance and repairs are those of [`MeshSolid`] in reference coordinates. So
+//! the values are exact distances even where the placement shears. The share inside is estimated from four points per
+//! triangle.
 
 use super::{Source, SourceKind};
 use crate::cell::fit::{FitError, Placement, SourceReport};
@@ -23,6 +27,7 @@ const CAP_TOLERANCE: f64 = 1e-6;
 const CENTROID_PULL: f64 = 1e-5;
 
 /// For each triangle of a placed mesh, whether it lies in a face plane of the element.
+/// All three corners must lie within [`CAP_TOLERANCE`] of the same plane.
 fn find_caps(element: Element, mesh: &TriMesh) -> Vec<bool> {
     // The ball has no caps, since it has no neighbours.
     let faces = match element {
@@ -44,6 +49,7 @@ impl Source {
     /// A triangle mesh. A point is inside where the winding number exceeds 1/2, so that meshes with holes,
     /// loose triangles and self-intersections still define a solid. Triangles and shells that wind inward
     /// are reversed, and overlapping shells are united. Every repair adds a warning.
+    /// The report counts triangles and caps after the repairs. With `Caps::Exclude` caps carry no distance.
     ///
     /// # Errors
     /// [`FitError::Placement`]; [`FitError::Mesh`] for a mesh without triangles or without an inside.

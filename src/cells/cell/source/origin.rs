@@ -29,6 +29,7 @@ pub struct Origin {
 impl Source {
     /// The origin about which the largest share of the source is invariant under the operators. Candidates
     /// are 8^3 points in the unit cube (8^2 for a planar element); of equal ones, the first is chosen.
+    /// `operators` are the matrices of a point group in Cartesian reference coordinates, and are not empty.
     pub fn best_origin(&self, element: Element, operators: &[Mat3]) -> Origin {
         let planar = element.dimension() == 2;
         let element_box = element.cell_box();
@@ -64,6 +65,7 @@ impl Source {
             .par_iter()
             .map(|o| symmetric_share(&value, *o, &points, operators))
             .collect();
+        // The share is at most 1, so that 1e-9 is far above rounding.
         // The tolerance prevents rounding from choosing among equal candidates.
         let best = (0..count).fold(0, |b, n| if kept[n] > kept[b] + 1e-9 { n } else { b });
         Origin {
@@ -73,6 +75,7 @@ impl Source {
     }
 
     /// The values at all images of the points about all origins; many images coincide.
+    /// Keys of places that coincide up to rounding are equal, so that a map is enough.
     fn values_at_images(
         &self,
         origins: &[Vec3],
@@ -95,6 +98,7 @@ impl Source {
 
 /// The number of a point, for points whose coordinates are middles of parts about an origin.
 fn key(p: Vec3) -> [i32; 3] {
+    // Half parts are integers: sums of candidates and images are multiples of 1/32.
     p.map(|c| (c * 2.0 * PARTS).round() as i32).into()
 }
 
@@ -106,6 +110,7 @@ fn permutes_axes(operator: &Mat3) -> bool {
 }
 
 /// The share that remains of a function about an origin.
+/// Mean square of the symmetric part divided by the mean square, 0 to 1; 0 for a function that vanishes.
 fn symmetric_share(
     value: &impl Fn(Vec3) -> f64,
     origin: Vec3,
@@ -127,6 +132,7 @@ fn symmetric_share(
     }
 }
 
+/// Candidate `n` of the grid, the last axis fastest; z is 0 in the plane.
 fn origin(n: usize, planar: bool) -> Vec3 {
     let at = |i: usize| i as f64 / STEPS_PER_AXIS as f64;
     if planar {
