@@ -12,8 +12,8 @@ use druse::field::WorldField;
 use druse::frame::Vec3;
 use druse::pipeline::{GradedQuantity, level_shifts};
 use druse::tiling::{
-    Aim, Blend, Boundary, Directions, Distance, Interpolation, Member, Mismatch, TiledSolid,
-    TilingOptions, orient,
+    Aim, Blend, Boundary, Directions, Distance, Interpolation, Member, Mismatch, Mixture,
+    TiledSolid, TilingOptions, orient,
 };
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
@@ -33,6 +33,43 @@ pub(crate) struct Tiling {
     interpolation: Interpolation,
     distance: Distance,
     boundary: Boundary,
+    /// The elements that hold the cells in several turns.
+    mixture: Mixture,
+}
+
+/// How elements are turned, as `_tiling.py` passes it.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct Orient {
+    /// Where the third and the first axis of the cells point.
+    toward: Option<[f64; 3]>,
+    up: Option<[f64; 3]>,
+    /// "error" or "blend".
+    mismatch: String,
+    width: Option<f64>,
+}
+
+impl Orient {
+    fn aim(&self, elements: usize) -> Aim {
+        let everywhere = |v: Option<[f64; 3]>| {
+            v.map_or_else(Vec::new, |v| vec![Vec3::from(v).normalize(); elements])
+        };
+        if self.toward.is_none() {
+            return Aim::World;
+        }
+        Aim::Directions(Directions {
+            toward: everywhere(self.toward),
+            up: everywhere(self.up),
+            is_axial: false,
+        })
+    }
+
+    fn mismatch(&self) -> Mismatch {
+        match self.mismatch.as_str() {
+            "blend" => Mismatch::Blend { width: self.width },
+            _ => Mismatch::Refuse,
+        }
+    }
 }
 
 impl Tiling {
@@ -50,6 +87,7 @@ impl Tiling {
         };
         if let (None, None, [member]) = (&self.weights, &self.shifts, &self.members[..])
             && let [table] = &member[..]
+            && self.mixture.is_empty()
         {
             return Ok(use_field(&TiledSolid::new(
                 &self.scaffold,
@@ -69,7 +107,7 @@ impl Tiling {
             weights,
             self.interpolation,
         );
-        let mut blend = blend?;
+        let mut blend = blend?.with_mixture(&self.mixture);
         if let Some(shifts) = &self.shifts {
             blend = blend.graded(shifts.clone())?;
         }
@@ -86,8 +124,7 @@ impl Tiling {
 
 #[pymethods]
 impl Tiling {
-    /// `cells` by member, then by element shape; `graded` is a quantity's name and its values at the nodes; `toward`
-    /// is where the third axis of the cells points.
+    /// `cells` by member, then by element shape; `graded` is a quantity's name and its values at the nodes.
     #[new]
     fn new(
         py: Python<'_>,
@@ -96,7 +133,7 @@ impl Tiling {
         weights: Option<PyReadonlyArray1<'_, f64>>,
         graded: Option<(String, PyReadonlyArray1<'_, f64>)>,
         words: (String, String, String),
-        toward: Option<[f64; 3]>,
+        turning: Orient,
     ) -> PyResult<Self> {
         let read = || {
             let weights = weights.as_ref().map(|w| arrays::list(w, "weights"));
@@ -134,19 +171,16 @@ impl Tiling {
             .collect();
         let mut scaffold = Arc::clone(&scaffold.scaffold);
         session::work(py, None, |_| {
-            let aim = toward.map_or(Aim::World, |v| {
-                Aim::Directions(Directions {
-                    toward: vec![Vec3::from(v).normalize(); scaffold.len()],
-                    ..Directions::default()
-                })
-            });
+            let aim = turning.aim(scaffold.len());
+            let mut mixture = Mixture::default();
             let as_members = cells.iter().map(|cells| Member {
                 name: String::new(),
                 cells: cells.iter().map(|c| &c.cell).collect(),
             });
             let as_members: Vec<Member<'_, druse::cell::Cell>> = as_members.collect();
-            if let Some(oriented) = orient(&scaffold, &as_members, &aim, Mismatch::Refuse)? {
+            if let Some(oriented) = orient(&scaffold, &as_members, &aim, turning.mismatch())? {
                 scaffold = Arc::new(oriented.scaffold);
+                mixture = oriented.mixture;
             }
             let tables = |cells: &Vec<&Cell>| -> Result<Vec<Arc<Table>>, Fault> {
                 cells.iter().map(|c| c.table().cloned()).collect()
@@ -169,6 +203,7 @@ impl Tiling {
                 distance,
                 boundary,
                 scaffold,
+                mixture,
             };
             // Faults of cells that do not fit the scaffold appear here.
             let edge = tiling.scaffold.stretch().1;

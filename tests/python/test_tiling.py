@@ -250,6 +250,46 @@ def test_recipes_evaluate_points():
         druse.Recipe({"druse": 1, "band": {"voxel_size": 0.2}}).evaluate([[0, 0, 0]])
 
 
+def test_a_gyroid_in_a_hollow_sphere_is_mixed_from_its_turns():
+    """Three hexes meet along the lines from its corners outwards."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]) - 0.5
+    faces = np.array([[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]])
+    unit = corners / np.linalg.norm(corners, axis=1, keepdims=True)
+    hexes = np.hstack([faces, faces + 8])
+    sphere = druse.Scaffold(np.vstack([2 * unit, 4 * unit]), {"hexahedron": hexes})
+    gyroid = druse.Cell.surface("gyroid", element="hex")
+    with pytest.raises(druse.Error, match="8 inner edges in 8 lines"):
+        druse.Tiling(sphere, gyroid)
+    parts = [
+        druse.Tiling(sphere, gyroid, orient={"mismatch": "blend", **width}).level_set(voxel_size=0.15)
+        for width in ({}, {"width": 1}, {"width": 0.4})
+    ]
+    assert all(part.check()["problems"] == [] and part.volume > 50 for part in parts)
+    sheet = druse.Tiling(sphere, gyroid.sheet(0.2), thickness=0.4, orient={"mismatch": "blend", "width": 0.4})
+    assert sheet.level_set(voxel_size=0.15).check()["problems"] == []
+
+
+def test_orient_takes_the_keys_of_recipes(block):
+    gyroid = druse.Cell.surface("gyroid", element="hex")
+    points = np.random.default_rng(8).uniform(0.5, 9.5, (200, 3))
+    values = lambda orient: druse.Tiling(block, gyroid, orient=orient).distance(points)  # noqa: E731
+    assert np.array_equal(values([1, 0, 0]), values({"toward": [1, 0, 0]}))
+    assert np.array_equal(values("auto"), values({}))
+    assert not np.array_equal(values([1, 0, 0]), values({"toward": [1, 0, 0], "up": [0, 0, -1]}))
+    wrong = [
+        ("along", "auto"),
+        ({"along": [0, 0, 1]}, "toward, up, mismatch, width"),
+        ({"toward": [0, 0, 0]}, "not all 0"),
+        ({"up": [1, 0, 0]}, "without 'toward'"),
+        ({"mismatch": "mix"}, "blend"),
+        ({"width": 0.3}, "mismatch"),
+        ({"mismatch": "blend", "width": 2}, "at most 1"),
+    ]
+    for orient, words in wrong:
+        with pytest.raises(druse.ArgumentError, match=words):
+            druse.Tiling(block, gyroid, orient=orient)
+
+
 def test_what_does_not_fit_is_refused(block, schwarz):
     tet = druse.Cell.surface("diamond", element="tet")
     with pytest.raises(druse.ArgumentError, match="the cell fills a tet"):

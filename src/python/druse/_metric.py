@@ -54,7 +54,7 @@ class MetricTiling:
         weights: Floats | None,
         graded: tuple[str, Floats | float] | None,
         words: tuple[str, str, str],
-        toward: list[float] | None,
+        turning: dict[str, Any],
     ) -> None:
         if weights is None and len(cells) > 1:
             raise ArgumentError(
@@ -65,7 +65,7 @@ class MetricTiling:
         self._graded = graded
         self._weights = None if weights is None else weights.reshape(-1, len(cells))
         self._words = words
-        self._toward = toward
+        self._turning = {key: value for key, value in turning.items() if value is not None}
         # Faults of cells that do not fit the scaffold appear here.
         edge = scaffold._scaffold.stretch()[1]
         self.distance(np.zeros((0, 3)), edge, edge)
@@ -75,8 +75,8 @@ class MetricTiling:
         fields: list[tuple[str, Floats]] = []
         interpolation, distance, boundary = self._words
         tiling: dict[str, Any] = {"interpolation": interpolation}
-        if self._toward is not None:
-            tiling["orient"] = {"toward": self._toward}
+        if self._turning != {"mismatch": "error"}:
+            tiling["orient"] = self._turning
         names = [f"cell_{n}" for n in range(len(self._cells))]
         if self._weights is None:
             tiling["cell"] = names[0]

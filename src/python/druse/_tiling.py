@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -45,9 +45,11 @@ class Tiling:
         Two Newton steps, or closest points.
     boundary : {"cut", "extend"}
         Whether the solid ends at the outer faces.
-    orient : "auto" or array_like [3]
+    orient : "auto", array_like [3], or dict
         How elements are turned so that cells with less symmetry than their element, such as the gyroid, continue over
         all faces: with their axes along x, y and z as far as the mesh lets them, or with the third one along a vector.
+        A dict has the keys of recipes: vectors `toward` and `up`, `mismatch` ("error" or "blend") for faces over which
+        no turns make the cells continue, and `width`, the share of an element beside these faces that is blended.
 
     Raises
     ------
@@ -67,7 +69,7 @@ class Tiling:
         interpolation: str = "linear",
         distance: str = "fast",
         boundary: str = "cut",
-        orient: str | npt.ArrayLike = "auto",
+        orient: str | npt.ArrayLike | Mapping[str, Any] = "auto",
     ) -> None:
         self.scaffold = Scaffold.of(scaffold)
         self.cells: tuple[Cell, ...] = (cell,) if isinstance(cell, Cell) else tuple(cell)
@@ -83,20 +85,20 @@ class Tiling:
         graded = [(key, self._at_nodes(values, key, ())) for key, values in gradings.items()]
         own_weights = None if weights is None else self._at_nodes(weights, "weights", (len(self.cells),))
         words = (interpolation, distance, boundary)
-        toward = _toward(orient)
+        turning = _turning(orient)
         self._metric: MetricTiling | None = None
         if is_round(self.cells, gradings) or is_metric_sheet(self.cells, gradings):
             # One number stays one, which makes beams without tapers.
             numbers = [(k, float(v[0]) if _is_number(gradings[k]) else v) for k, v in graded]
             self._metric = MetricTiling(
-                self.scaffold, self.cells, own_weights, numbers[0] if numbers else None, words, toward
+                self.scaffold, self.cells, own_weights, numbers[0] if numbers else None, words, turning
             )
             return
         members = [[c._cell for c in self.cells]] if weights is None else [[c._cell] for c in self.cells]
         if weights is not None and graded and len(members) > 1:
             raise ArgumentError("found weights and a grading; expected one of them, or a single cell")
         self._tiling = _druse.Tiling(
-            self.scaffold._scaffold, members, own_weights, graded[0] if graded else None, words, toward
+            self.scaffold._scaffold, members, own_weights, graded[0] if graded else None, words, turning
         )
 
     def _at_nodes(self, values: Any, name: str, trailing: tuple[int, ...]) -> Floats:
@@ -151,14 +153,40 @@ class Tiling:
         return f"druse.Tiling({self.scaffold!r}, {', '.join(repr(c) for c in self.cells)})"
 
 
-def _toward(orient: Any) -> list[float] | None:
+_ORIENT_KEYS = ("toward", "up", "mismatch", "width")
+
+
+def _turning(orient: Any) -> dict[str, Any]:
+    """All keys of `orient` as the recipe has them; None for those that are left out."""
     if isinstance(orient, str):
         if orient != "auto":
-            raise ArgumentError(f'orient is {orient!r}; expected "auto" or a vector of three numbers')
-        return None
-    vector = numeric(orient, "orient", np.float64)
+            raise ArgumentError(f'orient is {orient!r}; expected "auto", a vector of three numbers, or a dict')
+        given: dict[str, Any] = {}
+    else:
+        given = dict(orient) if isinstance(orient, Mapping) else {"toward": orient}
+    for key in given:
+        if key not in _ORIENT_KEYS:
+            raise ArgumentError(f"orient has the key {key!r}; expected one of {', '.join(_ORIENT_KEYS)}")
+    found = {key: given.get(key) for key in _ORIENT_KEYS}
+    for key in ("toward", "up"):
+        if found[key] is not None:
+            found[key] = _direction(found[key], key)
+    if found["up"] is not None and found["toward"] is None:
+        raise ArgumentError("orient has the key 'up' without 'toward'; expected both or neither")
+    found["mismatch"] = "error" if found["mismatch"] is None else found["mismatch"]
+    if found["mismatch"] not in ("error", "blend"):
+        raise ArgumentError(f"mismatch is {found['mismatch']!r}; expected \"error\" or \"blend\"")
+    if found["width"] is not None:
+        found["width"] = width = positive(found["width"], "width")
+        if width > 1 or found["mismatch"] != "blend":
+            raise ArgumentError(f'width is {width}; expected a share above 0 and at most 1, beside mismatch = "blend"')
+    return found
+
+
+def _direction(given: Any, key: str) -> list[float]:
+    vector = numeric(given, key, np.float64)
     if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
-        raise ArgumentError(f'orient is {orient!r}; expected "auto" or three finite numbers that are not all 0')
+        raise ArgumentError(f"{key} is {given!r}; expected three finite numbers that are not all 0")
     return [float(v) for v in vector]
 
 
