@@ -18,13 +18,15 @@ use toml::de::{DeTable, DeValue};
 /// Sections whose keys change the shape.
 const SECTIONS: [&str; 6] = ["cell", "crystal", "scaffold", "tiling", "band", "op"];
 /// Keys whose values are formulas.
-const FORMULA_KEYS: [&str; 6] = [
+const FORMULA_KEYS: [&str; 8] = [
     "thickness",
     "level",
     "volume_fraction",
     "weight",
     "where",
     "formula",
+    "toward",
+    "up",
 ];
 /// Longest text of a formula.
 const MAX_FORMULA_BYTES: usize = 2000;
@@ -387,7 +389,9 @@ fn quoted(text: &str) -> String {
 /// Collects the values at and below a key that controls can change. `words` has the descriptions and
 /// choices of keys.
 fn collect(key: &str, value: &Spanned<DeValue>, words: &SchemaWords, leaves: &mut Vec<Leaf>) {
-    let last = key.rsplit('.').next().unwrap_or(key);
+    // The components of a direction have numbers below its key.
+    let mut names = key.rsplit('.');
+    let name = names.find(|n| n.parse::<usize>().is_err()).unwrap_or(key);
     let (kind, parsed) = match value.get_ref() {
         DeValue::Table(table) => {
             for (name, child) in table {
@@ -421,7 +425,7 @@ fn collect(key: &str, value: &Spanned<DeValue>, words: &SchemaWords, leaves: &mu
                 (Kind::Word { choices }, json!(text))
             } else if let Some((number, unit)) = quantity(text) {
                 (Kind::Length { unit }, json!(number))
-            } else if FORMULA_KEYS.contains(&last) && !text.contains(char::is_control) {
+            } else if FORMULA_KEYS.contains(&name) && !text.contains(char::is_control) {
                 (Kind::Formula, json!(text))
             } else {
                 return;

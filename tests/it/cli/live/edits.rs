@@ -89,3 +89,54 @@ fn the_scaffold_is_shown_before_the_first_step() {
     assert_eq!(changed["error"], Value::Null);
     served.quit();
 }
+
+/// A column in each of 8 hexes, along a direction.
+const DIRECTED: &str = "druse = 1\nunit = \"mm\"\n[cell.c]\nsurface = \"gyroid\"\n[scaffold]\n\
+    box = { size = [8, 8, 8], cell_size = 4 }\n[tiling]\ncell = \"c\"\n\
+    orient = { toward = [\"x + 1\", 0, 0], mismatch = \"blend\", width = 0.4 }\n\
+    [band]\nvoxel_size = 0.2\n[[output]]\nvdb = \"a.vdb\"\n";
+
+#[test]
+fn directions_of_cells_are_shown_and_changed() {
+    let place = Place::with(DIRECTED);
+    let served = Served::new(&place, &["view", "r.toml", "--no-thickness"]);
+    served.at_rest();
+    let controls: Value = serde_json::from_slice(&served.get("controls").1).unwrap();
+    let list = controls["controls"].as_array().unwrap();
+    let control = |key: &str| {
+        list.iter()
+            .find(|c| c["key"] == format!("tiling.orient.{key}"))
+    };
+    let kind = |key: &str| control(key).unwrap()["kind"].as_str().unwrap();
+    assert_eq!(
+        ["toward.0", "toward.1", "mismatch", "width"].map(kind),
+        ["formula", "number", "word", "number"]
+    );
+    assert_eq!(
+        control("mismatch").unwrap()["choices"],
+        json!(["error", "blend"])
+    );
+    let set = |values: Value| {
+        served
+            .post("set", &json!({ "values": values }).to_string())
+            .0
+    };
+    let values = json!({
+        "tiling.orient.toward.0": "0 * x", "tiling.orient.toward.2": 1, "tiling.orient.width": 0.8,
+    });
+    assert_eq!(set(values), 200);
+    let text = String::from_utf8(served.get("recipe").1).unwrap();
+    let expected = "{ toward = [\"0 * x\", 0, 1], mismatch = \"blend\", width = 0.8 }";
+    assert!(text.contains(expected), "{text}");
+    let state = served.at_rest();
+    assert_eq!(state["error"], Value::Null, "{state}");
+    // A direction without length is reported beside its key.
+    assert_eq!(set(json!({ "tiling.orient.toward.0": "0 * x" })), 200);
+    let state = served.at_rest();
+    assert!(state["error"].to_string().contains("length 0"), "{state}");
+    assert!(
+        state.to_string().contains("\"tiling.orient.toward\""),
+        "{state}"
+    );
+    served.quit();
+}
