@@ -1,8 +1,8 @@
 //! Cells: symmetry of their properties, derivatives by their coefficients, threads, starts, refusals.
 
 use super::difference;
-use druse::cell::{Cell, Series, Solid, Surface, symmetry};
-use druse::frame::Element;
+use druse::cell::{Cell, FitOptions, Method, Series, Solid, Surface, fit, symmetry};
+use druse::frame::{CellPoint, Element};
 use druse::homogenize::{
     Conduction, Control, Elasticity, HomogenizeError, InitialSolutions, Packing, Period,
     Properties, Sensitivities, Settings, Voigt, by_coefficients, properties, properties_from,
@@ -72,6 +72,42 @@ fn properties_have_the_symmetry_of_the_cell() {
         !is_kept(&c, &quarter),
         "six tets around a diagonal have no axis of order four"
     );
+}
+
+/// A gyroid in closed form with a wave that its group forbids: the fit under the group is as stiff as the gyroid.
+#[test]
+fn a_fit_under_the_space_group_of_the_gyroid_is_as_stiff() {
+    let source = |p: CellPoint<3>| {
+        let [x, y, z] = [p.0.x, p.0.y, p.0.z].map(|c| std::f64::consts::TAU * c);
+        x.sin() * y.cos() + y.sin() * z.cos() + z.sin() * x.cos() + 0.2 * (x + z).cos()
+    };
+    let options = |group: &str| FitOptions {
+        band_limit: 1.5,
+        method: Method::Fft,
+        measure: false,
+        group: Some(group.to_owned()),
+        ..FitOptions::default()
+    };
+    let gyroid = Surface::Gyroid.cell(Element::Hex).unwrap();
+    let fitted = |group| fit("g", Element::Hex, &source, &options(group), &Silent).unwrap();
+    let [exact, own, without] = [gyroid, fitted("I4132"), fitted("C1")].map(|cell| {
+        let cell = cell.with_solid(Solid::Below, -0.3).unwrap();
+        of(cell, Packing::Bcc, 16).stiffness.unwrap()
+    });
+    assert!(
+        difference(&own, &exact) < 1e-6 * exact[0][0],
+        "{own:?} {exact:?}"
+    );
+    assert!(difference(&without, &exact) > 1e-3 * exact[0][0]);
+    // The lattice of another element beside that group is refused.
+    for lattice in ["fcc2", "hexprism"] {
+        let error = symmetry::<3>(Element::Hex, Some("I4132"), Some(lattice));
+        let error = error.err().unwrap().to_string();
+        assert!(
+            error.contains(lattice) && error.contains("cubic"),
+            "{error}"
+        );
+    }
 }
 
 #[test]
