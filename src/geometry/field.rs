@@ -13,12 +13,14 @@
 
 use crate::frame::{Aabb, CellBox, CellPoint, Vec3, WorldPoint};
 use nalgebra::SVector;
+use std::cell::Cell;
 
 mod combine;
 mod contact;
 mod cut_cube;
 mod formula;
 mod leaf;
+mod limits;
 mod offset;
 mod primitive;
 mod revolved;
@@ -29,6 +31,7 @@ pub use contact::leaf_contacts;
 pub use cut_cube::cube_share;
 pub use formula::{Formula, FormulaError};
 pub use leaf::{LeafBits, LeafParts, Leaves};
+pub use limits::ValueLimits;
 #[doc(hidden)]
 pub use offset::ExactIntersection;
 pub use offset::Offset;
@@ -223,6 +226,23 @@ pub trait Field: Send + Sync {
         lattice.len() as u64
     }
 
+    /// [`Field::fill_counting`] where only values between limits are needed. The other samples get values on the
+    /// same side of the limits, and those that are not needed any values.
+    fn fill_within(
+        &self,
+        lattice: &SampleLattice<Self::Point>,
+        _limits: &ValueLimits,
+        out: &mut [f32],
+    ) -> u64 {
+        self.fill_counting(lattice, out)
+    }
+
+    /// Whether [`Field::fill_within`] leaves out samples that are not needed. Such a field is filled after those
+    /// that it is combined with, whose values narrow its limits.
+    fn is_selective(&self) -> bool {
+        false
+    }
+
     /// Fills leaves and returns the number of evaluated points, for fields that fill many leaves faster
     /// than one after the other.
     fn fill_leaves(&self, _: &mut Leaves<'_, Self::Point>) -> Option<u64> {
@@ -244,12 +264,17 @@ pub trait Field: Send + Sync {
         true
     }
 
-    /// The signs on a lattice of at most 64 samples along z: bit `k` of `rows[i ny + j]` is set if sample
-    /// (i, j, k) is negative. Returns the number of evaluated points. For fields that determine a sign faster
-    /// than a value.
-    fn signs(&self, lattice: &SampleLattice<Self::Point>, rows: &mut [u64]) -> u64 {
-        signs_of_values(self, lattice, rows)
+    /// The signs on a lattice of at most 64 samples along z, where a bit of `needed` is set: bit `k` of
+    /// `rows[i ny + j]` is set if sample (i, j, k) is negative. Returns the number of evaluated points. For fields
+    /// that determine a sign faster than a value.
+    fn signs(&self, lattice: &SampleLattice<Self::Point>, needed: &[u64], rows: &mut [u64]) -> u64 {
+        signs_of_values(self, lattice, needed, rows)
     }
+}
+
+thread_local! {
+    /// Values that are needed only for their signs, and their limits.
+    static SIGN_BUFFERS: Cell<(Vec<f32>, ValueLimits)> = Cell::default();
 }
 
 /// [`Field::signs`] from the values of a field.
@@ -257,11 +282,15 @@ pub trait Field: Send + Sync {
 pub fn signs_of_values<F: Field + ?Sized>(
     field: &F,
     lattice: &SampleLattice<F::Point>,
+    needed: &[u64],
     rows: &mut [u64],
 ) -> u64 {
-    let mut values = vec![0.0; lattice.len()];
-    let evaluated = field.fill_counting(lattice, &mut values);
+    let (mut values, mut limits) = SIGN_BUFFERS.take();
+    values.resize(lattice.len(), 0.0);
+    limits.set_signs(needed, lattice.counts[2]);
+    let evaluated = field.fill_within(lattice, &limits, &mut values);
     pack_signs(&values, lattice.counts[2], rows);
+    SIGN_BUFFERS.set((values, limits));
     evaluated
 }
 

@@ -13,7 +13,9 @@
 
 use crate::scaffold::Scaffold;
 use druse_cells::cell::Table;
-use druse_geometry::field::{Field, Interval, LeafParts, Leaves, SampleLattice, signs_of_values};
+use druse_geometry::field::{
+    Field, Interval, LeafParts, Leaves, SampleLattice, ValueLimits, signs_of_values,
+};
 use druse_geometry::frame::{Aabb, CellPoint, Vec3, WorldPoint};
 use druse_geometry::mesh::MeshSolid;
 
@@ -62,9 +64,9 @@ pub use source::{CellField, Filling, fills};
 pub use transition_connectivity::{TransitionCheck, check_transition};
 pub use visits::Visits;
 
-use affine::Quantity;
 use bound::RegionGroup;
 use boundary::RegionFacts;
+use fill::FillRequest;
 use locality::LocalSearch;
 use patch::Patch;
 use source::FillingRef;
@@ -448,16 +450,33 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
     }
 
     fn fill_counting(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) -> u64 {
-        match &self.hex_grid {
-            Some(hex_grid) => {
-                if let Some(visits) = self.visits {
-                    hex_grid.record(&lattice.span().dilated(self.delta()), visits);
-                }
-                hex_grid.fill(lattice, out);
-                lattice.len() as u64
-            }
-            None => self.fill_all((lattice, Quantity::Distances), out).0,
+        let Some(hex_grid) = &self.hex_grid else {
+            let limits = None;
+            return self.fill_all(&FillRequest { lattice, limits }, out).0;
+        };
+        if let Some(visits) = self.visits {
+            hex_grid.record(&lattice.span().dilated(self.delta()), visits);
         }
+        hex_grid.fill(lattice, out);
+        lattice.len() as u64
+    }
+
+    fn fill_within(
+        &self,
+        lattice: &SampleLattice<WorldPoint>,
+        limits: &ValueLimits,
+        out: &mut [f32],
+    ) -> u64 {
+        if self.hex_grid.is_some() {
+            return self.fill_counting(lattice, out);
+        }
+        let limits = Some(limits);
+        self.fill_all(&FillRequest { lattice, limits }, out).0
+    }
+
+    /// A grid of hexes is filled faster than samples are left out.
+    fn is_selective(&self) -> bool {
+        self.hex_grid.is_none()
     }
 
     fn fill_leaves(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
@@ -480,11 +499,10 @@ impl<F: Filling> Field for TiledSolid<'_, F> {
         self.hex_grid.is_none()
     }
 
-    fn signs(&self, lattice: &SampleLattice<WorldPoint>, rows: &mut [u64]) -> u64 {
+    fn signs(&self, lattice: &SampleLattice<WorldPoint>, needed: &[u64], rows: &mut [u64]) -> u64 {
         match &self.hex_grid {
             Some(hex_grid) if hex_grid.signs(lattice, rows) => lattice.len() as u64,
-            Some(_) => signs_of_values(self, lattice, rows),
-            None => self.fill_signs(lattice, rows),
+            _ => signs_of_values(self, lattice, needed, rows),
         }
     }
 }

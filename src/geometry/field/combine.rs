@@ -1,6 +1,6 @@
 //! Boolean combinations of world fields: minimum, maximum, negation.
 
-use super::{Field, Interval, SampleLattice, WorldField};
+use super::{Field, Interval, SampleLattice, ValueLimits, WorldField};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 
 /// The intersection of solids: the maximum. Without operands, all of space.
@@ -23,35 +23,76 @@ fn extreme<const S: i8>(fields: &[Box<WorldField>], p: WorldPoint) -> (f64, Vec3
     best
 }
 
-/// Fills with the extreme of the fields that can attain it in the lattice's box. Returns the largest number
-/// of points at which one of the fields is evaluated.
+/// Fills with the extreme of the fields, as far as it lies within limits. Returns the largest number of points at which
+/// one of the fields is evaluated.
+///
+/// A maximum that has reached the upper limit is decided, and a field matters only where it exceeds the maximum so far:
+/// each field raises the lower limits of those that follow. (A minimum is the mirror image.) Selective fields follow last,
+/// so that they leave out the samples that the others decide.
 fn fill_extreme<const S: i8>(
     fields: &[Box<WorldField>],
     lattice: &SampleLattice<WorldPoint>,
+    limits: &ValueLimits,
     out: &mut [f32],
 ) -> u64 {
+    let mut limits = limits.clone();
+    // Without a field that exceeds it, the limit stands for the extreme.
+    out.copy_from_slice(if S > 0 { &limits.low } else { &limits.high });
     let span = lattice.span();
-    let bounds: Vec<Interval> = fields.iter().map(|f| f.bound(&span)).collect();
+    let bounded: Vec<(&Box<WorldField>, Interval)> = fields
+        .iter()
+        .filter(|f| !f.is_selective())
+        .map(|f| (f, f.bound(&span)))
+        .collect();
     // A field that another one exceeds everywhere in the box cannot be the extreme.
     let floor = if S > 0 {
-        bounds.iter().fold(f64::NEG_INFINITY, |m, b| m.max(b.lo))
+        bounded.iter().fold(f64::NEG_INFINITY, |m, b| m.max(b.1.lo))
     } else {
-        bounds.iter().fold(f64::INFINITY, |m, b| m.min(b.hi))
+        bounded.iter().fold(f64::INFINITY, |m, b| m.min(b.1.hi))
     };
-    out.fill(f32::NEG_INFINITY * f32::from(S));
     let mut scratch = vec![0f32; out.len()];
     let mut most = 0;
-    for (f, b) in fields.iter().zip(&bounds) {
-        let loses = if S > 0 { b.hi < floor } else { b.lo > floor };
+    for (f, b) in bounded {
+        let Some([low, high]) = limits.hull(0..out.len()) else {
+            return most;
+        };
+        let (low, high) = (f64::from(low), f64::from(high));
+        let loses = if S > 0 {
+            b.hi < floor || b.hi <= low
+        } else {
+            b.lo > floor || b.lo >= high
+        };
         if loses {
             continue;
         }
-        most = most.max(f.fill_counting(lattice, &mut scratch));
-        for (o, &v) in out.iter_mut().zip(&scratch) {
-            *o = if S > 0 { o.max(v) } else { o.min(v) };
+        most = most.max(f.fill_within(lattice, &limits, &mut scratch));
+        add_extreme::<S>(&scratch, &mut limits, out);
+    }
+    for f in fields.iter().filter(|f| f.is_selective()) {
+        if limits.hull(0..out.len()).is_none() {
+            return most;
         }
+        most = most.max(f.fill_within(lattice, &limits, &mut scratch));
+        add_extreme::<S>(&scratch, &mut limits, out);
     }
     most
+}
+
+/// Adds the values of a field to the extreme at the samples that are needed, and narrows their limits.
+fn add_extreme<const S: i8>(values: &[f32], limits: &mut ValueLimits, out: &mut [f32]) {
+    let samples = out.iter_mut().zip(&mut limits.low).zip(&mut limits.high);
+    for (((o, low), high), &v) in samples.zip(values) {
+        if *low >= *high {
+            continue;
+        }
+        if S > 0 {
+            *o = o.max(v);
+            *low = *o;
+        } else {
+            *o = o.min(v);
+            *high = *o;
+        }
+    }
 }
 
 impl Field for Intersection<'_> {
@@ -73,10 +114,22 @@ impl Field for Intersection<'_> {
             .fold(start, |a, b| Interval::new(a.lo.max(b.lo), a.hi.max(b.hi)))
     }
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
-        fill_extreme::<1>(&self.0, lattice, out);
+        self.fill_counting(lattice, out);
     }
     fn fill_counting(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) -> u64 {
-        fill_extreme::<1>(&self.0, lattice, out)
+        let all = ValueLimits::uniform(lattice.len(), [f32::NEG_INFINITY, f32::INFINITY]);
+        self.fill_within(lattice, &all, out)
+    }
+    fn fill_within(
+        &self,
+        lattice: &SampleLattice<WorldPoint>,
+        limits: &ValueLimits,
+        out: &mut [f32],
+    ) -> u64 {
+        fill_extreme::<1>(&self.0, lattice, limits, out)
+    }
+    fn is_selective(&self) -> bool {
+        self.0.iter().any(|f| f.is_selective())
     }
 }
 
@@ -99,10 +152,22 @@ impl Field for Union<'_> {
             .fold(start, |a, b| Interval::new(a.lo.min(b.lo), a.hi.min(b.hi)))
     }
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
-        fill_extreme::<-1>(&self.0, lattice, out);
+        self.fill_counting(lattice, out);
     }
     fn fill_counting(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) -> u64 {
-        fill_extreme::<-1>(&self.0, lattice, out)
+        let all = ValueLimits::uniform(lattice.len(), [f32::NEG_INFINITY, f32::INFINITY]);
+        self.fill_within(lattice, &all, out)
+    }
+    fn fill_within(
+        &self,
+        lattice: &SampleLattice<WorldPoint>,
+        limits: &ValueLimits,
+        out: &mut [f32],
+    ) -> u64 {
+        fill_extreme::<-1>(&self.0, lattice, limits, out)
+    }
+    fn is_selective(&self) -> bool {
+        self.0.iter().any(|f| f.is_selective())
     }
 }
 
@@ -128,5 +193,126 @@ impl Field for Complement<'_> {
             *v = -*v;
         }
         count
+    }
+    fn fill_within(
+        &self,
+        lattice: &SampleLattice<WorldPoint>,
+        limits: &ValueLimits,
+        out: &mut [f32],
+    ) -> u64 {
+        let count = self.0.fill_within(lattice, &limits.negated(), out);
+        for v in out {
+            *v = -*v;
+        }
+        count
+    }
+    fn is_selective(&self) -> bool {
+        self.0.is_selective()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{BoxSolid, Sphere};
+    use super::*;
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    /// A sphere that uses its freedom: far values beyond the limits, and nonsense where no value is needed.
+    struct Free<'a>(Sphere, &'a AtomicU64);
+
+    impl Field for Free<'_> {
+        type Point = WorldPoint;
+        fn value(&self, p: WorldPoint) -> f64 {
+            self.0.value(p)
+        }
+        fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
+            self.0.value_and_gradient(p)
+        }
+        fn bound(&self, region: &Aabb) -> Interval {
+            self.0.bound(region)
+        }
+        fn fill_within(
+            &self,
+            lattice: &SampleLattice<WorldPoint>,
+            limits: &ValueLimits,
+            out: &mut [f32],
+        ) -> u64 {
+            self.0.fill(lattice, out);
+            let mut evaluated = 0;
+            for (n, v) in out.iter_mut().enumerate() {
+                let [low, high] = limits.of_sample(n);
+                evaluated += u64::from(limits.is_needed(n));
+                *v = match *v {
+                    _ if !limits.is_needed(n) => -77.0,
+                    v if v <= low => low - 50.0,
+                    v if v >= high => high + 50.0,
+                    v => v,
+                };
+            }
+            self.1.fetch_add(evaluated, Ordering::Relaxed);
+            evaluated
+        }
+        fn is_selective(&self) -> bool {
+            true
+        }
+    }
+
+    fn ball(x: f64, radius: f64) -> Sphere {
+        let centre = Vec3::new(x, 0.0, 0.0);
+        Sphere { centre, radius }
+    }
+
+    #[test]
+    fn limits_change_no_value_between_them_and_spare_decided_samples() {
+        let count = AtomicU64::new(0);
+        let cube = |half: f64| {
+            BoxSolid(Aabb {
+                min: Vec3::repeat(-half),
+                max: Vec3::repeat(half),
+            })
+        };
+        // A lattice of two balls in an envelope, under a skin.
+        let balls = Union(vec![
+            Box::new(Free(ball(-0.5, 0.7), &count)),
+            Box::new(Free(ball(0.6, 0.5), &count)),
+        ]);
+        let skin = Intersection(vec![
+            Box::new(cube(1.0)),
+            Box::new(Complement(Box::new(cube(0.7)))),
+        ]);
+        let inner: Vec<Box<WorldField>> = vec![Box::new(balls), Box::new(cube(1.0))];
+        let outer: Vec<Box<WorldField>> = vec![Box::new(Intersection(inner)), Box::new(skin)];
+        let solid = Union(outer);
+        let lattice = SampleLattice {
+            origin: WorldPoint(Vec3::repeat(-1.26)),
+            step: 0.11,
+            counts: [24, 23, 22],
+        };
+        let all = lattice.len();
+        for [low, high] in [[-0.3, 0.3], [-f32::MIN_POSITIVE, 0.0], [0.05, 0.1]] {
+            count.store(0, Ordering::Relaxed);
+            let mut values = vec![0.0; all];
+            solid.fill_within(
+                &lattice,
+                &ValueLimits::uniform(all, [low, high]),
+                &mut values,
+            );
+            for (n, v) in values.iter().enumerate() {
+                let right = solid.value(lattice.point(n)) as f32;
+                assert_eq!(
+                    v.clamp(low, high),
+                    right.clamp(low, high),
+                    "{low} {high} {n}"
+                );
+            }
+            // The skin and the space around the envelope decide most samples.
+            assert!(count.load(Ordering::Relaxed) < all as u64, "{count:?}");
+        }
+        let mut rows = vec![0; 24 * 23];
+        solid.signs(&lattice, &vec![u64::MAX; 24 * 23], &mut rows);
+        for n in 0..all {
+            let is_negative = rows[n / 22] >> (n % 22) & 1 == 1;
+            assert_eq!(is_negative, solid.value(lattice.point(n)) < 0.0, "{n}");
+        }
     }
 }

@@ -22,8 +22,8 @@ impl MeshId {
 #[derive(Default)]
 struct LastResults {
     bound: Option<(MeshId, Aabb, Interval)>,
-    /// The lattice of the values.
-    lattice: Option<(MeshId, SampleLattice<WorldPoint>)>,
+    /// The lattice of the values, and the distance up to which they are exact.
+    lattice: Option<(MeshId, SampleLattice<WorldPoint>, f64)>,
     values: Vec<f32>,
 }
 
@@ -42,20 +42,21 @@ pub(super) fn bound(id: MeshId, region: &Aabb, make: impl FnOnce() -> Interval) 
     made
 }
 
-/// Fills `out` with the values of the mesh `id` on a lattice, by `make` unless they are this thread's last ones.
+/// Fills with the values of a mesh on a lattice, exact up to a distance, by `make` unless they are this thread's last
+/// ones. Returns the number of samples that `make` measures.
 pub(super) fn fill(
     id: MeshId,
-    lattice: &SampleLattice<WorldPoint>,
+    (lattice, max_distance): (&SampleLattice<WorldPoint>, f64),
     out: &mut [f32],
-    make: impl FnOnce(&mut [f32]),
-) {
-    // Large lattices would take memory in each thread.
+    make: impl FnOnce(&mut [f32]) -> u64,
+) -> u64 {
     if out.len() > MAX_SAMPLES {
         return make(out);
     }
-    let is_it = |(of, at): &(MeshId, SampleLattice<WorldPoint>)| {
+    let is_it = |(of, at, exact_up_to): &(MeshId, SampleLattice<WorldPoint>, f64)| {
         let is_same_place = at.origin.0 == lattice.origin.0 && at.counts == lattice.counts;
-        *of == id && is_same_place && at.step.to_bits() == lattice.step.to_bits()
+        let is_same_step = at.step.to_bits() == lattice.step.to_bits();
+        *of == id && is_same_place && is_same_step && *exact_up_to >= max_distance
     };
     let is_known = LAST.with_borrow(|last| {
         let is_known = last.lattice.as_ref().is_some_and(is_it) && last.values.len() == out.len();
@@ -65,12 +66,13 @@ pub(super) fn fill(
         is_known
     });
     if is_known {
-        return;
+        return 0;
     }
-    make(out);
+    let measured = make(out);
     LAST.with_borrow_mut(|last| {
-        last.lattice = Some((id, *lattice));
+        last.lattice = Some((id, *lattice, max_distance));
         last.values.clear();
         last.values.extend_from_slice(out);
     });
+    measured
 }

@@ -25,17 +25,17 @@ const MAX_ROW_TRIANGLES: [usize; 2] = [64, 32];
 
 /// Distances of a lattice's samples from the triangles in some packs of a soup, bit for bit those by
 /// [`Soup::closest_point`]. The packs must contain the nearest triangle of each sample that is nearer than
-/// `max_distance`; other samples get a number of at least `max_distance`.
+/// `max_distance`; other samples get a number of at least `max_distance`. Returns the number of measured samples.
 pub(super) fn distances(
     soup: &Soup,
     packs: &[u32],
     lattice: &SampleLattice<WorldPoint>,
     max_distance: f64,
     out: &mut [f64],
-) {
+) -> usize {
     if packs.is_empty() {
         out.fill(2.0 * max_distance);
-        return;
+        return 0;
     }
     simd::run(LatticeDistances {
         soup,
@@ -45,7 +45,7 @@ pub(super) fn distances(
         lattice,
         max_distance,
         out,
-    });
+    })
 }
 
 /// The greatest squared lower bound of a triangle that may be within `reach`.
@@ -137,10 +137,11 @@ fn halves(range: &Range) -> [Range; 2] {
 }
 
 impl SimdKernel for LatticeDistances<'_> {
-    type Output = ();
+    type Output = usize;
 
     #[inline(always)]
-    fn run<L: Lanes>(mut self, l: L) {
+    fn run<L: Lanes>(mut self, l: L) -> usize {
+        let mut measured = 0;
         let mut levels: [Candidates; 3] = Default::default();
         levels[0].packs.extend_from_slice(self.packs);
         let mut slots: Vec<u32> = Vec::with_capacity(MAX_ROW_TRIANGLES[0]);
@@ -152,11 +153,19 @@ impl SimdKernel for LatticeDistances<'_> {
             if level < FILTER_SAMPLES.len() && sample_count(&range) <= FILTER_SAMPLES[level] {
                 let remaining = self.filter(l, &range, &mut levels, level, &mut hint, &mut slots);
                 if remaining <= MAX_ROW_TRIANGLES[level] {
+                    if remaining > 0 {
+                        measured += sample_count(&range);
+                    }
+                    // A near triangle first: its distance rules out most others.
+                    if let Some(at) = slots.iter().position(|&slot| slot == hint) {
+                        slots.swap(0, at);
+                    }
                     self.measure_in_rows(&range, &slots);
                     continue;
                 }
                 level += 1;
                 if level == FILTER_SAMPLES.len() {
+                    measured += sample_count(&range);
                     self.measure_points(l, &range, &levels[level], &mut hint);
                     continue;
                 }
@@ -166,6 +175,7 @@ impl SimdKernel for LatticeDistances<'_> {
             pending.push((second, level));
             pending.push((first, level));
         }
+        measured
     }
 }
 

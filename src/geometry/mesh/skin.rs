@@ -1,7 +1,7 @@
 //! The skin of a solid: a layer of given thickness along its surface.
 
 use super::MeshSolid;
-use crate::field::{Field, Interval, SampleLattice};
+use crate::field::{Field, Interval, SampleLattice, ValueLimits};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 
 /// The side of the surface on which a skin lies.
@@ -81,5 +81,26 @@ impl Field for Skin<'_> {
         for v in out {
             *v = self.value_at(f64::from(*v)) as f32;
         }
+    }
+
+    /// The distance d needs its value only where |d - c| is less than the greatest limit plus t / 2.
+    fn fill_within(
+        &self,
+        lattice: &SampleLattice<WorldPoint>,
+        limits: &ValueLimits,
+        out: &mut [f32],
+    ) -> u64 {
+        let Some([_, high]) = limits.hull(0..out.len()) else {
+            return 0;
+        };
+        // Rounding to single precision must not move a distance to the other side of its limit.
+        let half = (f64::from(high) + self.half_thickness).max(0.0) * (1.0 + 1e-6);
+        let ends = [-half, half].map(|end| (self.centre_distance + end) as f32);
+        let limits = ValueLimits::uniform(out.len(), ends);
+        let measured = self.solid.fill_within(lattice, &limits, out);
+        for v in out {
+            *v = self.value_at(f64::from(*v)) as f32;
+        }
+        measured
     }
 }

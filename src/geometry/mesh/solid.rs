@@ -14,7 +14,7 @@ use super::precision::Precision;
 use super::soup::{ClosestPoint, Soup};
 use super::unite::United;
 use super::{TriMesh, crossing, lattice};
-use crate::field::{Field, Interval, LeafBits, LeafParts, Leaves, SampleLattice};
+use crate::field::{Field, Interval, LeafBits, LeafParts, Leaves, SampleLattice, ValueLimits};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 
 /// A triangle mesh prepared for distance and inside tests; immutable and shared by threads.
@@ -248,10 +248,15 @@ impl MeshSolid {
     }
 
     /// Signed distances of a lattice's samples that are nearer than `max_distance`; other samples get a value
-    /// of the correct sign and at least this magnitude.
-    fn fill_band(&self, lattice: &SampleLattice<WorldPoint>, max_distance: f64, out: &mut [f32]) {
+    /// of the correct sign and at least this magnitude. Returns the number of measured samples.
+    fn fill_band(
+        &self,
+        lattice: &SampleLattice<WorldPoint>,
+        max_distance: f64,
+        out: &mut [f32],
+    ) -> u64 {
         if lattice.is_empty() {
-            return;
+            return 0;
         }
         let span = lattice.span();
         let (centre, radius) = (span.centre().0, span.half_diagonal());
@@ -263,11 +268,13 @@ impl MeshSolid {
             .0;
         let bound = (nearest_to_centre.distance + radius).min(max_distance);
         let mut distances = vec![f64::INFINITY; lattice.len()];
+        let mut measured = 0;
         if bound.is_finite() {
             let mut packs = Vec::new();
             let reach = bound * (1.0 + 1e-9);
             self.surface.collect_packs(&span, reach, &mut packs);
-            lattice::distances(&self.surface, &packs, lattice, max_distance, &mut distances);
+            measured =
+                lattice::distances(&self.surface, &packs, lattice, max_distance, &mut distances);
         }
         let regular_sign = self.regular_sign(centre, radius);
         let slack = self.precision.slack;
@@ -294,6 +301,7 @@ impl MeshSolid {
             });
             out[n] = self.precision.signed(d, inside) as f32;
         }
+        measured as u64
     }
 
     /// Labels of regular blocks of a lattice's samples (see [`Self::regular_sign`]); label 0 marks samples in
@@ -445,9 +453,26 @@ impl Field for MeshSolid {
     }
 
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
-        last_results::fill(self.id, lattice, out, |out| {
-            self.fill_band(lattice, f64::INFINITY, out);
+        let all = (lattice, f64::INFINITY);
+        last_results::fill(self.id, all, out, |out| {
+            self.fill_band(lattice, f64::INFINITY, out)
         });
+    }
+
+    fn fill_within(
+        &self,
+        lattice: &SampleLattice<WorldPoint>,
+        limits: &ValueLimits,
+        out: &mut [f32],
+    ) -> u64 {
+        let Some([low, high]) = limits.hull(0..out.len()) else {
+            return 0;
+        };
+        // Distances of less than a step show that samples have the sign of their neighbours.
+        let max_distance = f64::from(high.max(-low)).max(lattice.step);
+        last_results::fill(self.id, (lattice, max_distance), out, |out| {
+            self.fill_band(lattice, max_distance, out)
+        })
     }
 
     fn fill_leaves(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {

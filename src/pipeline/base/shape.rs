@@ -4,7 +4,8 @@
 
 use super::offset::Offsets;
 use crate::field::{
-    Complement, ExactIntersection, Field, Intersection, LeafParts, Leaves, Union, WorldField,
+    Complement, ExactIntersection, Field, Intersection, LeafParts, Leaves, Union, ValueLimits,
+    WorldField,
 };
 use crate::frame::{Aabb, Vec3};
 use crate::recipe::Op;
@@ -110,6 +111,19 @@ impl Field for Shifted<'_> {
         self.field
             .fill_counting(&crate::field::SampleLattice { origin, ..*lattice }, out)
     }
+    fn fill_within(
+        &self,
+        lattice: &crate::field::SampleLattice<Self::Point>,
+        limits: &ValueLimits,
+        out: &mut [f32],
+    ) -> u64 {
+        let origin = crate::frame::WorldPoint(lattice.origin.0 + self.by);
+        let lattice = crate::field::SampleLattice { origin, ..*lattice };
+        self.field.fill_within(&lattice, limits, out)
+    }
+    fn is_selective(&self) -> bool {
+        self.field.is_selective()
+    }
     fn fill_leaves(&self, leaves: &mut Leaves<'_, Self::Point>) -> Option<u64> {
         let origins: Vec<_> = leaves
             .origins
@@ -132,10 +146,18 @@ impl Field for Shifted<'_> {
     fn may_touch(&self) -> bool {
         self.field.may_touch()
     }
-    fn signs(&self, lattice: &crate::field::SampleLattice<Self::Point>, rows: &mut [u64]) -> u64 {
+    fn signs(
+        &self,
+        lattice: &crate::field::SampleLattice<Self::Point>,
+        needed: &[u64],
+        rows: &mut [u64],
+    ) -> u64 {
         let origin = crate::frame::WorldPoint(lattice.origin.0 + self.by);
-        self.field
-            .signs(&crate::field::SampleLattice { origin, ..*lattice }, rows)
+        self.field.signs(
+            &crate::field::SampleLattice { origin, ..*lattice },
+            needed,
+            rows,
+        )
     }
 }
 
@@ -176,6 +198,17 @@ impl<F: Field> Field for Borrowed<'_, F> {
     ) -> u64 {
         self.0.fill_counting(lattice, out)
     }
+    fn fill_within(
+        &self,
+        lattice: &crate::field::SampleLattice<F::Point>,
+        limits: &ValueLimits,
+        out: &mut [f32],
+    ) -> u64 {
+        self.0.fill_within(lattice, limits, out)
+    }
+    fn is_selective(&self) -> bool {
+        self.0.is_selective()
+    }
     fn fill_leaves(&self, leaves: &mut Leaves<'_, F::Point>) -> Option<u64> {
         self.0.fill_leaves(leaves)
     }
@@ -185,7 +218,12 @@ impl<F: Field> Field for Borrowed<'_, F> {
     fn may_touch(&self) -> bool {
         self.0.may_touch()
     }
-    fn signs(&self, lattice: &crate::field::SampleLattice<F::Point>, rows: &mut [u64]) -> u64 {
-        self.0.signs(lattice, rows)
+    fn signs(
+        &self,
+        lattice: &crate::field::SampleLattice<F::Point>,
+        needed: &[u64],
+        rows: &mut [u64],
+    ) -> u64 {
+        self.0.signs(lattice, needed, rows)
     }
 }

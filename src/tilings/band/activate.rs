@@ -39,12 +39,12 @@ impl Neighbourhood {
         }
     }
 
-    /// Sets a row of `count` samples along z that begins at indices (x, y, z), each 0 to 9; bits of `negative` are set
-    /// where samples are negative. `count` is at most ten: a row may begin one sample before the leaf.
-    pub fn set_row(&mut self, [x, y, z]: [usize; 3], count: usize, negative: u64) {
+    /// Sets the samples of `known`, a bit each, in a row along z that begins at indices (x, y, z), each 0 to 9; bits of
+    /// `negative` are set where samples are negative.
+    pub fn set_row(&mut self, [x, y, z]: [usize; 3], known: u64, negative: u64) {
         // Across three leaves there are 24 positions along z, and along y; 8 to 15 are the leaf itself.
         let (z, y) = (z + 7, y + 7);
-        let known = ((1u64 << count) - 1) << z;
+        let known = known << z;
         let negative = negative << z & known;
         let (across, shift) = (3 * (y >> 3), 8 * (y & 7));
         for part in 0..3 {

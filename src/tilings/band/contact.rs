@@ -38,7 +38,10 @@ pub(super) fn merge_solids(
         let mut samples = [bound.lo as f32; 64];
         // Nearer samples are evaluated; otherwise the bound stands for all 64, which suffices for a layer of one sign.
         if bound.lo < 0.99 * step {
-            culler.field.fill(&lattice, &mut samples);
+            // As the leaf's own values, those of the layer count up to the band's edge.
+            culler
+                .field
+                .fill_within(&lattice, &culler.layer_limits, &mut samples);
         }
         samples
     };

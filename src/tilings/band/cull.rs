@@ -3,8 +3,8 @@
 //! Only a bound decides: no sample is evaluated here. What cannot be decided stays undecided, so that the result holds
 //! every active voxel. The layer around a cube is bounded too, since a voxel may be active because of its neighbours.
 
-use super::{BLOCK, Band, BandError, LEAF, Region};
-use druse_geometry::field::{Interval, LeafParts, WorldField};
+use super::{BLOCK, Band, BandError, LEAF, Region, VOXELS};
+use druse_geometry::field::{Interval, LeafParts, ValueLimits, WorldField};
 use druse_geometry::frame::{Aabb, Coord, Transform};
 
 /// Edge of the cubes of 4^3 leaves that a field may classify in one call
@@ -75,6 +75,9 @@ pub(super) struct Culler<'a> {
     pub transform: Transform,
     /// Half width in world units.
     pub background: f64,
+    /// Values beyond the band are clamped to it: the limits of a leaf's samples, and of those of a layer of 8^2 beside it.
+    pub leaf_limits: ValueLimits,
+    pub layer_limits: ValueLimits,
     /// Least and greatest voxel of the range to evaluate.
     range: [Coord; 2],
 }
@@ -113,10 +116,16 @@ impl<'a> Culler<'a> {
             (least, (high[a] as i32).min(region.max[a]))
         };
         let [x, y, z] = [index(0), index(1), index(2)];
+        let background = half_width * h;
+        let limits = |samples: usize| {
+            ValueLimits::uniform(samples, [-(background as f32), background as f32])
+        };
         Ok(Self {
             field,
             transform,
-            background: half_width * h,
+            background,
+            leaf_limits: limits(VOXELS),
+            layer_limits: limits((LEAF * LEAF) as usize),
             range: [Coord::new(x.0, y.0, z.0), Coord::new(x.1, y.1, z.1)],
         })
     }

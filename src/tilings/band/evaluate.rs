@@ -199,7 +199,9 @@ pub(super) fn batch_values(
             step,
             counts: [LEAF as usize; 3],
         };
-        samples += culler.field.fill_counting(&lattice, values);
+        samples += culler
+            .field
+            .fill_within(&lattice, &culler.leaf_limits, values);
         bits[n] = LeafBits::from_values(values, background);
         if !bits[n].finite {
             // There is one, since the leaf's bits have found it.
@@ -410,7 +412,8 @@ impl<'a> Block<'a> {
                 (leaf[axis] + LEAF == self.origin[axis] + BLOCK, LEAF),
             ] {
                 if at_end {
-                    samples += set_layer(self.culler, leaf, axis, outside, &mut near);
+                    let layer = OuterLayer { axis, outside };
+                    samples += layer.set_signs(self.culler, leaf, mask, &mut near);
                 }
             }
         }
@@ -426,47 +429,89 @@ fn slot(block: Coord, leaf: Coord) -> [i32; 3] {
     [0, 1, 2].map(|a| (leaf[a] - block[a]) / LEAF)
 }
 
-/// Sets the signs of the layer of samples at index `outside` (-1 or 8) of `axis`, which lies in another block; returns
-/// the number of samples evaluated: 0 if the bound proves one sign throughout. A row of `near` is set for each pair of
-/// the other two axes.
-fn set_layer(
-    culler: &Culler,
-    leaf: Coord,
+/// The layer of samples at index `outside` (-1 or 8) of an axis of a leaf, in another block. It has a sample more than
+/// the leaf on all sides.
+#[derive(Clone, Copy)]
+struct OuterLayer {
     axis: usize,
     outside: i32,
-    near: &mut Neighbourhood,
-) -> u64 {
-    let h = culler.transform.voxel_size();
-    // The layer and the one beside it in the leaf: only a change of sign between them matters.
-    let corner = |along: i32, across: i32| {
-        let mut c = leaf.offset(across, across, across);
-        c.0[axis] = leaf[axis] + along;
-        culler.transform.world(c).0
-    };
-    let region = Aabb {
-        min: corner(outside.min(LEAF - 1), -1),
-        max: corner(outside.max(0), LEAF),
-    };
-    let bound = culler.field.bound(&region);
-    if bound.lo > 0.0 || bound.hi < 0.0 {
-        return 0;
+}
+
+impl OuterLayer {
+    /// Sets the signs of the samples next to voxels that are not active; returns the number of samples evaluated: 0 if
+    /// there are no such voxels, or if the bound proves one sign throughout.
+    fn set_signs(
+        self,
+        culler: &Culler,
+        leaf: Coord,
+        mask: &[u64; 8],
+        near: &mut Neighbourhood,
+    ) -> u64 {
+        let Self { axis, outside } = self;
+        let face = outside.clamp(0, LEAF - 1);
+        let Some(needed) = self.next_to_inactive(mask, face as usize) else {
+            return 0;
+        };
+        let corner = |along: i32, across: i32| {
+            let mut c = leaf.offset(across, across, across);
+            c.0[axis] = leaf[axis] + along;
+            culler.transform.world(c).0
+        };
+        // The layer and the face of the leaf beside it.
+        let region = Aabb {
+            min: corner(outside.min(face), -1),
+            max: corner(outside.max(face), LEAF),
+        };
+        let bound = culler.field.bound(&region);
+        if bound.lo > 0.0 || bound.hi < 0.0 {
+            return 0;
+        }
+        let mut counts = [SPAN; 3];
+        counts[axis] = 1;
+        let lattice = SampleLattice {
+            origin: WorldPoint(corner(outside, -1)),
+            step: culler.transform.voxel_size(),
+            counts,
+        };
+        let count = counts[0] * counts[1];
+        let mut rows = [0; SPAN * SPAN];
+        let samples = culler
+            .field
+            .signs(&lattice, &needed[..count], &mut rows[..count]);
+        let mut first = [0; 3];
+        first[axis] = (outside + 1) as usize;
+        for (n, &needed) in needed[..count].iter().enumerate() {
+            let at = [first[0] + n / counts[1], first[1] + n % counts[1], first[2]];
+            near.set_row(at, needed, rows[n]);
+        }
+        samples
     }
-    // One sample thick along the axis, and one beyond the leaf across it: edges and corners included.
-    let mut counts = [SPAN; 3];
-    counts[axis] = 1;
-    let lattice = SampleLattice {
-        origin: WorldPoint(corner(outside, -1)),
-        step: h,
-        counts,
-    };
-    let mut rows = [0; SPAN * SPAN];
-    let rows = &mut rows[..counts[0] * counts[1]];
-    let samples = culler.field.signs(&lattice, rows);
-    let mut first = [0; 3];
-    first[axis] = (outside + 1) as usize;
-    let positions = (0..counts[0]).flat_map(|i| (0..counts[1]).map(move |j| (i, j)));
-    for ((i, j), &row) in positions.zip(&*rows) {
-        near.set_row([first[0] + i, first[1] + j, first[2]], counts[2], row);
+
+    /// The samples of the layer next to voxels in layer `face` of the leaf that are not active, a bit each in rows along
+    /// z; `None` if there are none.
+    fn next_to_inactive(self, mask: &[u64; 8], face: usize) -> Option<[u64; SPAN * SPAN]> {
+        // The inactive voxels of the face: a word for each index along its first axis.
+        let inactive: [u64; 8] = std::array::from_fn(|a| match self.axis {
+            0 => !mask[face] >> (8 * a) & 0xff,
+            1 => !mask[a] >> (8 * face) & 0xff,
+            _ => (0..8).fold(0, |row, b| row | (!mask[a] >> (8 * b + face) & 1) << b),
+        });
+        if inactive == [0; 8] {
+            return None;
+        }
+        let mut needed = [0; SPAN * SPAN];
+        for (a, row) in inactive.into_iter().enumerate() {
+            let row = row | row << 1 | row << 2;
+            for a in a..a + 3 {
+                if self.axis < 2 {
+                    needed[a] |= row;
+                } else {
+                    for b in 0..SPAN {
+                        needed[SPAN * a + b] |= row >> b & 1;
+                    }
+                }
+            }
+        }
+        Some(needed)
     }
-    samples
 }

@@ -1,12 +1,16 @@
 //! Rule Q (module `rule`) on lattices of samples among affine elements, whose maps are inverted without a search.
 //!
-//! Samples are grouped in blocks of 2^3. The field F at a block's centre decides most blocks: with L the slope
-//! bound, R the block's half diagonal and w the half width of the band, |F| >= L (R + w) there implies
-//! |F| >= L w at all samples, whatever elements they are in. F is continuous except where a scaffold overlaps
-//! itself, where the centre is in several elements. The other blocks go through rule Q, eight at a time.
-//! Samples outside the scaffold are collected and evaluated at the closest points of the boundary, 64 at a
-//! time. d = F s follows section 7.1 of mathematics.md; `rule` computes the scale s and its blend across faces.
-//! Lattices hold the values of single points: tests/it/tiling/affine.rs compares them.
+//! Samples are grouped in blocks of 2^3. The field F at a block's centre decides most blocks. Only distances between two
+//! limits d- <= 0 <= d+ are wanted in a part of 4^3 samples: -w and w with the half width w of the band, or less where
+//! other fields decide. With L the slope bound and R the block's half diagonal, F >= L (R + d+) at the centre implies
+//! F >= L d+ and so d >= d+ at all samples, whatever elements they are in; F <= -L (R - d-) is the same below. F is
+//! continuous except where a scaffold overlaps itself, where the centre is in several elements. The other blocks go through
+//! rule Q, eight at a time. Samples outside the scaffold are collected and evaluated at the closest points of the boundary,
+//! 64 at a time.
+//!
+//! A batch holds 64 points, as rows of eight by coordinate; masks have a bit for each point. Values are rounded to single
+//! precision, which is all that differs from single points. The laws `values_and_signs_in_bulk_are_those_of_single_points`
+//! and `limits_change_no_value_between_them` measure it.
 
 mod block;
 mod distances;
@@ -16,15 +20,14 @@ mod rule;
 mod sample_batch;
 
 use super::boundary::RegionFacts;
-use super::fill::{BLOCK_EDGE, PartOfLattice, parts};
+use super::fill::{BLOCK_EDGE, FillRequest, PartOfLattice, parts};
 use super::locality::{NEIGHBOUR_DISTANCE, NearElements, near_surface_distance};
 use super::{Filling, TiledSolid};
 use block::{BLOCK_VOLUME, Block, BlockSpan, FillContext, Part, sample_offset};
-use druse_geometry::field::{Interval, SampleLattice};
-use druse_geometry::frame::{Vec3, WorldPoint};
+use druse_geometry::field::Interval;
+use druse_geometry::frame::Vec3;
 use exterior::{ExteriorSample, GAP_TOLERANCE};
 use rule::BatchEvaluation;
-pub(super) use rule::Quantity;
 use sample_batch::{MAX_SAMPLES, SampleBatch, bits};
 
 /// With more near elements than this, each part of a lattice has its own list of candidates.
@@ -104,13 +107,13 @@ impl<F: Filling> TiledSolid<'_, F> {
     pub(super) fn fill_affine(
         &self,
         (component, near): (usize, &NearElements),
-        (lattice, quantity): (&SampleLattice<WorldPoint>, Quantity),
+        request: &FillRequest,
         (depth, boundary_triangles): (Interval, Option<&[u32]>),
         buffers: &mut AffineBuffers,
         out: &mut [f32],
     ) {
-        self.start_sign_proof((lattice.step, quantity, depth), buffers);
-        // The buffer is taken out while `whole` borrows it, and put back before each return.
+        let FillRequest { lattice, limits } = *request;
+        self.start_sign_proof(request, depth, buffers);
         let mut block_spans = std::mem::take(&mut buffers.block_spans);
         for (axis, spans) in block_spans.iter_mut().enumerate() {
             spans.clear();
@@ -120,7 +123,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             component,
             near,
             lattice,
-            quantity,
+            limits,
             boundary_triangles,
             part_triangles: &[],
             block_spans: &block_spans,
@@ -133,8 +136,11 @@ impl<F: Filling> TiledSolid<'_, F> {
         if near.patches.len() <= MAX_SHARED_CANDIDATES {
             buffers.clear();
             for part in parts(lattice) {
+                let Some(wanted) = request.wanted_in(&part, self.options.half_width) else {
+                    continue;
+                };
                 let own = self.part_depth(&whole, &part, depth);
-                self.add_part(&whole, &part, own, buffers, out);
+                self.add_part(&whole, &part, (own, wanted), buffers, out);
             }
             self.fill_parts(&whole, buffers, out);
             buffers.block_spans = block_spans;
@@ -143,6 +149,9 @@ impl<F: Filling> TiledSolid<'_, F> {
         // Many elements: each part keeps only those within reach, since each batch is located in all of its elements.
         let mut candidates = std::mem::take(&mut buffers.candidates);
         for part in parts(lattice) {
+            let Some(wanted) = request.wanted_in(&part, self.options.half_width) else {
+                continue;
+            };
             buffers.clear();
             let own = self.part_depth(&whole, &part, depth);
             let region = part.span(lattice).dilated(self.continuation_reach(own.hi));
@@ -151,7 +160,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 near: &candidates,
                 ..whole
             };
-            self.add_part(&context, &part, own, buffers, out);
+            self.add_part(&context, &part, (own, wanted), buffers, out);
             self.fill_parts(&context, buffers, out);
         }
         buffers.candidates = candidates;
@@ -163,16 +172,16 @@ impl<F: Filling> TiledSolid<'_, F> {
     /// or a sample out of the band.
     fn start_sign_proof(
         &self,
-        (step, quantity, depth): (f64, Quantity, Interval),
+        request: &FillRequest,
+        depth: Interval,
         buffers: &mut AffineBuffers,
     ) {
         let w = self.options.half_width;
-        let away = NEIGHBOUR_DISTANCE * step;
+        let away = NEIGHBOUR_DISTANCE * request.lattice.step;
         // The neighbour may be in another element, so the greatest slope of all elements counts.
         let change = self.max_slope_sup * away;
-        buffers.has_unproved_sign = quantity == Quantity::Signs
-            || depth.hi > -w
-            || away > near_surface_distance(self.options);
+        buffers.has_unproved_sign =
+            request.limits.is_some() || depth.hi > -w || away > near_surface_distance(self.options);
         buffers.samples.has_unproved_sign = false;
         buffers.samples.change = change;
     }
@@ -202,19 +211,18 @@ impl<F: Filling> TiledSolid<'_, F> {
         &self,
         context: &FillContext,
         part: &PartOfLattice,
-        depth: Interval,
+        (depth, wanted): (Interval, Interval),
         buffers: &mut AffineBuffers,
         out: &mut [f32],
     ) {
         let w = self.options.half_width;
-        // The part is farther outside than the band reaches: d = D >= w everywhere.
-        if self.is_cut() && depth.lo >= w {
+        if self.is_cut() && depth.lo >= wanted.hi {
             part.indices(context.lattice)
                 .for_each(|n| out[n] = w as f32);
             return;
         }
         let number = buffers.parts.len();
-        let is_deep = depth.hi <= -w;
+        let is_deep = depth.hi <= self.deep_distance(wanted);
         let first = buffers.part_triangles.len();
         // Triangles matter only where the boundary may cut.
         if let Some(boundary_triangles) = context.boundary_triangles.filter(|_| !is_deep) {
@@ -232,6 +240,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             triangle_range: [first, buffers.part_triangles.len()],
             max_boundary_distance: depth.hi.abs().max(depth.lo.abs()),
             reach: self.continuation_reach(depth.hi),
+            wanted,
         });
         let along = |a: usize| {
             let (first, last) = (part.first[a], part.last[a]);
@@ -239,7 +248,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         };
         for (i, j) in along(0).flat_map(|i| along(1).map(move |j| (i, j))) {
             let block = |k| Block::new([i, j, k], number, context);
-            buffers.blocks.extend(along(2).map(block));
+            let blocks = along(2).map(block);
+            buffers.blocks.extend(blocks.filter(|b| b.sample_mask != 0));
         }
     }
 
@@ -256,14 +266,9 @@ impl<F: Filling> TiledSolid<'_, F> {
     }
 
     fn fill_blocks(&self, context: &FillContext, buffers: &mut AffineBuffers, out: &mut [f32]) {
-        let step = context.lattice.step;
         let w = self.options.half_width;
-        // A block is out of the band where |F| >= L (R + reach) at its centre.
-        let reach = match context.quantity {
-            Quantity::Distances => w,
-            // Larger than rounding errors.
-            Quantity::Signs => 1e-3 * step,
-        };
+        // Larger than rounding errors.
+        let least_reach = 1e-3 * context.lattice.step;
         let mut values = [0.0; MAX_SAMPLES];
         // Signs are proved if |F| out of the band, at least w L, is more than it changes between neighbours.
         buffers.has_unproved_sign |= buffers.samples.change > w * context.near.slope_sup;
@@ -286,7 +291,11 @@ impl<F: Filling> TiledSolid<'_, F> {
             buffers.evaluations += u64::from(buffers.centres.owned.count_ones());
             let mut far = 0u64;
             for (n, (block, value)) in blocks.iter().zip(&values).enumerate() {
-                let threshold = self.max_change(context.near, block.radius + reach);
+                let wanted = buffers.parts[block.part()].wanted;
+                // |F| >= L (R + d) at the centre, with the limit on its side.
+                let reach = if *value < 0.0 { -wanted.lo } else { wanted.hi };
+                let threshold =
+                    self.max_change(context.near, block.radius + reach.max(least_reach));
                 far |= u64::from(value.abs() >= threshold) << n;
             }
             // A centre in no element, or in several, decides nothing.
@@ -342,22 +351,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         if known.is_deep || !self.is_cut() {
             return d;
         }
-        match context.quantity {
-            Quantity::Distances => {
-                self.cut_at_boundary(context.component, d, context.point(block, n), known)
-            }
-            // The sign changes only on the boundary itself.
-            Quantity::Signs if d >= 0.0 => d,
-            Quantity::Signs => {
-                let near = -self.boundary_tolerance();
-                let at = context.point(block, n);
-                if self.cut_at_boundary(context.component, near, at, known) < 0.0 {
-                    d
-                } else {
-                    0.0
-                }
-            }
-        }
+        self.cut_at_boundary(context.component, d, context.point(block, n), known)
     }
 
     /// Values of a group of blocks, given by number, whose centres have been located.
@@ -395,12 +389,11 @@ impl<F: Filling> TiledSolid<'_, F> {
                 near_indices.push(near_index);
             }
         }
-        self.evaluate_rule_q(
-            (context.near, near_indices),
-            batch,
-            context.quantity,
-            samples,
-        );
+        let wanted = group
+            .iter()
+            .map(|&n| parts[blocks[n].part()].wanted)
+            .fold(Interval::new(0.0, 0.0), Interval::hull);
+        self.evaluate_rule_q((context.near, near_indices), batch, wanted, samples);
         *evaluations += u64::from(samples.owned.count_ones());
         for (number, &n) in group.iter().enumerate() {
             let block = &blocks[n];
@@ -430,7 +423,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 if outside <= GAP_TOLERANCE * self.options.voxel_size {
                     // The sample may be in a gap between elements.
                     out[index] = self.single_value(context, &sample, known) as f32;
-                } else if self.is_cut() && context.quantity == Quantity::Signs {
+                } else if self.is_cut() && part.wanted.hi <= 0.0 {
                     out[index] = self.options.half_width as f32;
                 } else {
                     exterior.push(sample);

@@ -5,7 +5,7 @@
 //! then needed only to find where the field is continued.
 
 use super::{Boundary, CHORD_TOLERANCE, Filling, TiledSolid};
-use druse_geometry::field::Interval;
+use druse_geometry::field::{Interval, ValueLimits};
 use druse_geometry::frame::{Aabb, Vec3};
 use druse_geometry::mesh::{ClosestPoint, MeshSolid};
 
@@ -17,12 +17,16 @@ const MAX_LINEAR_SEARCH: usize = 64;
 pub(super) struct RegionFacts<'a> {
     /// The field's distance, not cut at the boundary, if it is the same in the whole region: w or -w.
     pub field_distance: Option<f64>,
-    /// Whether the region is more than w inside the boundary, so that the boundary has no effect.
+    /// Whether the region is so far inside the boundary that the boundary has no effect.
     pub is_deep: bool,
     /// Bound of the distance to the boundary.
     pub max_boundary_distance: f64,
     /// Boundary triangles that include the closest one, if it is within the band.
     pub boundary_triangles: Option<&'a [u32]>,
+    /// Distances beyond its ends need only their side.
+    pub wanted: Interval,
+    /// The limits of the samples of the lattice, where they differ.
+    pub limits: Option<&'a ValueLimits>,
 }
 
 impl RegionFacts<'_> {
@@ -31,10 +35,25 @@ impl RegionFacts<'_> {
         is_deep: false,
         max_boundary_distance: f64::INFINITY,
         boundary_triangles: None,
+        wanted: Interval::REAL_LINE,
+        limits: None,
     };
 
-    /// The boundary point nearest to `x`, if it is within `radius`, at most the band's half width. A short list of
-    /// triangles is searched one by one, else the whole boundary by its hierarchy: both find the same point.
+    /// Whether a sample of the lattice is needed.
+    #[inline]
+    pub fn is_needed(&self, n: u32) -> bool {
+        self.limits.is_none_or(|l| l.is_needed(n as usize))
+    }
+
+    /// The distances that a sample of the lattice needs exactly.
+    #[inline]
+    pub fn wanted_of(&self, n: u32) -> Interval {
+        self.limits.map_or(self.wanted, |limits| {
+            within_band(limits.of_sample(n as usize), self.wanted)
+        })
+    }
+
+    /// The boundary point nearest to `x`, if it is within `radius`, at most the band's half width.
     #[inline]
     pub fn closest_within(
         &self,
@@ -51,6 +70,15 @@ impl RegionFacts<'_> {
     }
 }
 
+/// Limits of distances as an interval that contains 0, so that a value of the field beyond it has the side of its
+/// distance; at most `band`.
+pub(super) fn within_band([low, high]: [f32; 2], band: Interval) -> Interval {
+    Interval::new(
+        f64::from(low).clamp(band.lo, 0.0),
+        f64::from(high).clamp(0.0, band.hi),
+    )
+}
+
 impl<F: Filling> TiledSolid<'_, F> {
     /// Cuts the field's distance `d` at a point of the scaffold with the boundary: max(d, D). Distances are in world
     /// units; `known` states what is proved of the region around `x`.
@@ -61,21 +89,17 @@ impl<F: Filling> TiledSolid<'_, F> {
         x: Vec3,
         known: RegionFacts,
     ) -> f64 {
-        if known.is_deep || d >= self.options.half_width || !self.is_cut() {
+        let limit = self.options.half_width.min(known.wanted.hi);
+        if known.is_deep || d >= limit || !self.is_cut() {
             return d;
         }
         let slack = self.chord_slack();
         let boundary = &self.components[component].boundary;
-        // The boundary matters only where it is nearer than the surface.
-        match known.closest_within(
-            boundary,
-            x,
-            slack
-                .max(-d)
-                .min(known.max_boundary_distance * (1.0 + 1e-9)),
-        ) {
-            // On the boundary, outside within the slack, or inside: the winding number is needed only in the second
-            // case.
+        // max(d, D): the boundary matters only where it is nearer than the surface, and than the least wanted distance.
+        let radius = slack
+            .max((-d).min(-known.wanted.lo))
+            .min(known.max_boundary_distance * (1.0 + 1e-9));
+        match known.closest_within(boundary, x, radius) {
             Some(c) if c.distance < self.boundary_tolerance() => d.max(0.0),
             Some(c) if c.distance < slack && !boundary.contains(x) => d.max(c.distance),
             Some(c) => d.max(-c.distance),
@@ -92,6 +116,12 @@ impl<F: Filling> TiledSolid<'_, F> {
     ) {
         let boundary = &self.components[component].boundary;
         boundary.collect(region, self.boundary_reach(), boundary_triangles);
+    }
+
+    /// The signed distance to the boundary up to which it has no effect on the wanted distances. Where triangles deviate
+    /// from curved faces it has.
+    pub(super) fn deep_distance(&self, wanted: Interval) -> f64 {
+        wanted.lo.min(-self.chord_slack())
     }
 
     /// Distance from a box within which the boundary can affect it.

@@ -1,11 +1,25 @@
 //! Rule Q for the samples of a small box among any elements, curved ones included.
 //!
-//! A block of 2^3 samples in one element is tested at its centre first: with L the slope bound and R the
-//! block's half diagonal, |F| >= L (R + w) there decides all of them. For the other samples, value and
-//! gradient are evaluated in the owner. Where a local map is within 1e-7 of the reference cell at the block's
-//! corners, it gives all preimages of the block; elsewhere Newton's method does. Samples with |F| < L w take
-//! two Newton steps in their owner and in each element that contributes to the blend. The result is that of
-//! single points, up to those 1e-7.
+//! At a sample x with the field F, each element e within a voxel of x gives a scale `s_e` by two Newton steps with its own
+//! field, and a weight `w_e` that falls to 0 a voxel away. The distance is d = F(x) sum `w_e` `s_e` / sum `w_e`, clamped to the
+//! half width w of the band. Only distances between two limits d- <= 0 <= d+ are wanted: -w and w, or less where other
+//! fields decide. The steps for a part of at most 4^3 samples:
+//!
+//! 1. Blocks of 2^3 samples in one element: F at the centre c. With L the slope bound and R the block's half diagonal,
+//!    F(c) >= L (R + d+) implies F >= L d+ and so d >= d+ at all samples, and F(c) <= -L (R - d-) the same below.
+//! 2. The preimages xi of the other samples in the elements that own them: by the second-order map about the block's
+//!    centre where that is within 1e-7 reference units at four corners, otherwise by Newton's method.
+//! 3. F and its gradient at xi. F >= L d+ decides a sample, since no `s_e` is less than 1 / L.
+//! 4. For the rest, the scales of owner and neighbours and their mean (`in_band_samples`).
+//! 5. Samples in no element take the value of the nearest point of one (`exterior_samples`).
+//! 6. The cut at the boundary: max(d, D).
+//!
+//! Blocks are lists of samples in the lattice's order. Items are samples of steps 2 to 4; their points are kept in runs of
+//! one element, so that a cell is evaluated at many points at a time.
+//!
+//! The values are those of single points up to the error of step 2. The laws
+//! `values_in_bulk_are_those_of_single_points_in_graded_elements_of_every_kind` (below 1e-4 voxels) and
+//! `limits_change_no_value_between_them` measure it.
 
 mod exterior_samples;
 mod in_band_samples;
@@ -169,30 +183,37 @@ impl<F: Filling> TiledSolid<'_, F> {
         batch.exterior.clear();
         let w = self.options.half_width;
         let mut found = |t: &LatticeSample, d: f64| {
-            out[t.n as usize] = self.cut_at_boundary(component, d, t.x, known) as f32;
+            if known.is_needed(t.n) {
+                out[t.n as usize] = self.cut_at_boundary(component, d, t.x, known) as f32;
+            }
         };
         let whole = std::mem::take(&mut batch.blocks);
         let mut next = 0;
         for (number, samples) in blocks.iter().enumerate() {
             // Samples of blocks that lie in no single element are located one by one.
             let Some(block) = whole.get(next).filter(|b| b.number == number) else {
-                batch.open.extend(samples);
+                let needed = samples.iter().filter(|t| known.is_needed(t.n));
+                batch.open.extend(needed);
                 continue;
             };
-            // |F| >= L (R + w) at the centre decides the whole block.
-            if block.f.abs() >= self.max_change(&local.near, block.radius + w) {
-                let d = w.copysign(block.f);
+            // L (R + d), the value at the centre that decides all samples.
+            let change = |reach: f64| self.max_change(&local.near, block.radius + reach);
+            if block.f >= change(known.wanted.hi) {
                 for t in samples {
-                    found(t, d);
+                    found(t, w);
+                }
+            } else if block.f <= -change(-known.wanted.lo) {
+                for t in samples {
+                    found(t, -w);
                 }
             } else {
-                self.push_block(local, samples, block, batch);
+                self.push_block(local, samples, (block, known), batch);
             }
             next += 1;
         }
         batch.blocks = whole;
         self.push_open(local, batch);
-        self.evaluate_items(local, batch, |t, d| {
+        self.evaluate_items(local, known, batch, |t, d| {
             out[t.n as usize] = self.cut_at_boundary(component, d, t.x, known) as f32;
         });
         if !batch.exterior.is_empty() {
@@ -204,11 +225,12 @@ impl<F: Filling> TiledSolid<'_, F> {
     fn evaluate_items(
         &self,
         local: &LocalSearch,
+        known: RegionFacts,
         batch: &mut CurvedBatch,
         mut found: impl FnMut(&LatticeSample, f64),
     ) {
         self.evaluate_owners(local, batch);
-        self.collect_contributions(local, batch, &mut found);
+        self.collect_contributions(local, known, batch, &mut found);
         self.blend(local, batch, &mut found);
     }
 
@@ -271,19 +293,20 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
     }
 
-    /// Adds the samples of a block within one element.
+    /// Adds the needed samples of a block within one element.
     fn push_block(
         &self,
         local: &LocalSearch,
         samples: &[LatticeSample],
-        block: &Block,
+        (block, known): (&Block, RegionFacts),
         batch: &mut CurvedBatch,
     ) {
         // Depths beyond a voxel need no exact value.
         let min_depth = block.depth - block.radius;
         let patch = self.patch(local, block.near_index);
+        let samples = samples.iter().filter(|t| known.is_needed(t.n));
         batch.at.clear();
-        batch.at.extend(samples.iter().map(|t| t.x));
+        batch.at.extend(samples.clone().map(|t| t.x));
         if block.is_local_map_accurate {
             let first = batch.evaluation_points.points.len();
             let local_map = &batch.local_maps[block.local_map as usize];
@@ -293,7 +316,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 .evaluation_points
                 .near_indices
                 .resize(batch.evaluation_points.points.len(), near_index);
-            for (&sample, xi) in samples.iter().zip(&batch.evaluation_points.points[first..]) {
+            for (&sample, xi) in samples.zip(&batch.evaluation_points.points[first..]) {
                 let depth = if min_depth < self.delta() {
                     patch.depth_at(sample.x, xi.0)
                 } else {
@@ -312,7 +335,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let all = (&*batch.at, f64::INFINITY);
         let mut local_map = batch.local_maps[block.local_map as usize];
         patch.preimages(self.scaffold, all, (&mut local_map, true), &mut found);
-        for (&sample, preimage) in samples.iter().zip(&found.all) {
+        for (&sample, preimage) in samples.zip(&found.all) {
             match preimage {
                 Some(preimage) => {
                     let near_index = block.near_index;

@@ -1,12 +1,12 @@
 //! Bulk evaluation of a tiling: bounds decide whole boxes, and an evaluator is chosen for the others.
 
-use super::affine::{AffineBuffers, MAX_BATCHED_ELEMENTS, Quantity};
-use super::boundary::RegionFacts;
+use super::affine::{AffineBuffers, MAX_BATCHED_ELEMENTS};
+use super::boundary::{RegionFacts, within_band};
 use super::curved::{CurvedBatch, LatticeSample};
 use super::interpolated::InterpolationBuffers;
 use super::locality::{LocalSearch, NearElements};
 use super::{Distance, Filling, TiledSolid};
-use druse_geometry::field::{Field, Interval, LeafBits, Leaves, Point, SampleLattice, pack_signs};
+use druse_geometry::field::{Field, Interval, LeafBits, Leaves, Point, SampleLattice, ValueLimits};
 use druse_geometry::frame::{Aabb, Vec3, WorldPoint};
 use std::cell::Cell;
 
@@ -14,6 +14,34 @@ use std::cell::Cell;
 const PART_EDGE: usize = 4;
 /// Samples along the edge of a block; parts are made of blocks.
 pub(super) const BLOCK_EDGE: usize = 2;
+
+/// Samples to evaluate, and what is needed of their values.
+pub(super) struct FillRequest<'a> {
+    pub lattice: &'a SampleLattice<WorldPoint>,
+    /// Without limits all values in the band are needed.
+    pub limits: Option<&'a ValueLimits>,
+}
+
+impl FillRequest<'_> {
+    /// The distances that some samples need exactly, within a band of half width `w`; `None` if none is needed.
+    fn wanted(&self, samples: impl IntoIterator<Item = usize>, w: f64) -> Option<Interval> {
+        let band = Interval::new(-w, w);
+        match self.limits {
+            Some(limits) => limits.hull(samples).map(|ends| within_band(ends, band)),
+            None => Some(band),
+        }
+    }
+
+    /// [`Self::wanted`] of the samples of a part.
+    pub fn wanted_in(&self, part: &PartOfLattice, w: f64) -> Option<Interval> {
+        self.wanted(part.indices(self.lattice), w)
+    }
+
+    /// [`Self::wanted`] of all samples.
+    fn wanted_in_all(&self, w: f64) -> Option<Interval> {
+        self.wanted(0..self.lattice.len(), w)
+    }
+}
 
 /// Buffers that a thread reuses from lattice to lattice.
 #[derive(Default)]
@@ -26,14 +54,13 @@ struct Scratch {
     curved: CurvedBatch,
     affine: AffineBuffers,
     interpolation: InterpolationBuffers,
-    /// Boundary triangles near the lattice.
+    /// Boundary triangles near the lattice, and near a part of it.
     boundary_triangles: Vec<u32>,
+    part_triangles: Vec<u32>,
 }
 
 thread_local! {
     static SCRATCH: Cell<Option<Box<Scratch>>> = Cell::default();
-    /// Buffer for values that are needed only for their signs.
-    static SIGN_VALUES: Cell<Vec<f32>> = Cell::default();
 }
 
 /// Runs `work` with the thread's buffers for affine elements.
@@ -65,7 +92,11 @@ impl<F: Filling> TiledSolid<'_, F> {
                 step: leaves.step,
                 counts: [8; 3],
             };
-            let (own, signs_proved) = self.fill_all((&lattice, Quantity::Distances), values);
+            let request = FillRequest {
+                lattice: &lattice,
+                limits: None,
+            };
+            let (own, signs_proved) = self.fill_all(&request, values);
             evaluations += own;
             *bits = LeafBits {
                 settled: signs_proved && f64::from(leaves.background) >= within,
@@ -78,21 +109,22 @@ impl<F: Filling> TiledSolid<'_, F> {
 
     /// Values on a lattice over all components. Returns the number of cell evaluations, and whether it is proved
     /// that samples at least the half width from the surface have the sign of their neighbours.
-    pub(super) fn fill_all(
-        &self,
-        (lattice, quantity): (&SampleLattice<WorldPoint>, Quantity),
-        out: &mut [f32],
-    ) -> (u64, bool) {
+    pub(super) fn fill_all(&self, request: &FillRequest, out: &mut [f32]) -> (u64, bool) {
+        let FillRequest { lattice, limits } = *request;
         let w = self.options.half_width;
         // Continued without a cut, each component has a value everywhere: single points choose between them.
         if !self.is_cut() && self.components.len() > 1 {
             for component in 0..self.components.len() {
                 self.record(&self.near(component, &lattice.span(), self.margin()));
             }
+            let mut evaluations = 0;
             for (n, v) in out.iter_mut().enumerate() {
-                *v = self.value(lattice.point(n)) as f32;
+                if limits.is_none_or(|l| l.is_needed(n)) {
+                    *v = self.value(lattice.point(n)) as f32;
+                    evaluations += 1;
+                }
             }
-            return (lattice.len() as u64, false);
+            return (evaluations, false);
         }
         if lattice.is_empty() {
             return (0, false);
@@ -110,8 +142,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let (mut is_first, mut signs_proved) = (true, true);
         for component in (0..self.components.len()).filter(reaches) {
             if is_first {
-                signs_proved &=
-                    self.fill_component(component, (lattice, quantity), &mut scratch, out);
+                signs_proved &= self.fill_component(component, request, &mut scratch, out);
                 is_first = false;
                 continue;
             }
@@ -119,8 +150,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             let mut values = std::mem::take(&mut scratch.values);
             values.clear();
             values.resize(out.len(), w as f32);
-            signs_proved &=
-                self.fill_component(component, (lattice, quantity), &mut scratch, &mut values);
+            signs_proved &= self.fill_component(component, request, &mut scratch, &mut values);
             for (o, &v) in out.iter_mut().zip(&values) {
                 *o = o.min(v);
             }
@@ -131,16 +161,6 @@ impl<F: Filling> TiledSolid<'_, F> {
             + scratch.interpolation.evaluations;
         SCRATCH.set(Some(scratch));
         (evaluations, signs_proved && !is_first)
-    }
-
-    /// Sets a bit for each negative sample. Returns the number of cell evaluations.
-    pub(super) fn fill_signs(&self, lattice: &SampleLattice<WorldPoint>, rows: &mut [u64]) -> u64 {
-        let mut values = SIGN_VALUES.take();
-        values.resize(lattice.len(), 0.0);
-        let (evaluations, _) = self.fill_all((lattice, Quantity::Signs), &mut values);
-        pack_signs(&values, lattice.counts[2], rows);
-        SIGN_VALUES.set(values);
-        evaluations
     }
 
     /// Records elements as visited, if requested.
@@ -155,10 +175,15 @@ impl<F: Filling> TiledSolid<'_, F> {
     fn fill_component(
         &self,
         component: usize,
-        (lattice, quantity): (&SampleLattice<WorldPoint>, Quantity),
+        request: &FillRequest,
         scratch: &mut Scratch,
         out: &mut [f32],
     ) -> bool {
+        let FillRequest { lattice, limits } = *request;
+        let w = self.options.half_width;
+        let Some(wanted) = request.wanted_in_all(w) else {
+            return false;
+        };
         let Scratch {
             near,
             local,
@@ -167,9 +192,9 @@ impl<F: Filling> TiledSolid<'_, F> {
             affine,
             interpolation,
             boundary_triangles,
+            part_triangles,
             ..
         } = scratch;
-        let w = self.options.half_width;
         let span = lattice.span();
         boundary_triangles.clear();
         // Without boundary triangles in reach, only elements near the lattice matter.
@@ -184,7 +209,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let boundary_triangles = self.is_cut().then_some(&**boundary_triangles);
         let around = (boundary_triangles, &*near.patches);
         let whole_depth = self.boundary_range(component, &span, Interval::REAL_LINE, around);
-        if self.is_cut() && whole_depth.lo >= w {
+        if self.is_cut() && whole_depth.lo >= wanted.hi {
             out.fill(w as f32);
             return false;
         }
@@ -201,38 +226,51 @@ impl<F: Filling> TiledSolid<'_, F> {
             && near.patches.len() <= MAX_BATCHED_ELEMENTS
             && self.are_affine(near)
         {
-            let lattice = (lattice, quantity);
             let boundary = (whole_depth, boundary_triangles);
-            self.fill_affine((component, near), lattice, boundary, affine, out);
+            self.fill_affine((component, near), request, boundary, affine, out);
             return affine.are_signs_proved();
         }
         local.reset_for_f32();
         for part in parts(lattice) {
+            let Some(wanted) = request.wanted_in(&part, w) else {
+                continue;
+            };
             let region = part.span(lattice);
-            let depth = if whole_depth.hi <= -w {
+            let deep_distance = self.deep_distance(wanted);
+            let depth = if whole_depth.hi <= deep_distance {
                 whole_depth
             } else {
                 self.boundary_range(component, &region, whole_depth, (boundary_triangles, &[]))
             };
+            let is_deep = depth.hi <= deep_distance;
+            part_triangles.clear();
+            if let Some(all) = boundary_triangles.filter(|_| !is_deep) {
+                // Each sample is compared with all of them.
+                let boundary = &self.components[component].boundary;
+                boundary.collect_among(all, &region, self.boundary_reach(), part_triangles);
+            }
             let mut known = RegionFacts {
                 field_distance: None,
-                is_deep: depth.hi <= -w,
+                is_deep,
                 max_boundary_distance: depth.hi.abs().max(depth.lo.abs()),
-                boundary_triangles,
+                boundary_triangles: boundary_triangles.map(|_| &**part_triangles),
+                wanted,
+                limits,
             };
             let region = region.dilated(self.continuation_reach(depth.hi.min(whole_depth.hi)));
             self.restrict(near, &region, local);
-            let band_value = w * local.near.slope_sup;
+            // The search for the range may end at values that decide neither side.
+            let least = wanted.hi.min(-wanted.lo) * local.near.slope_sup;
             let range = self
-                .field_range(&local.near, &region, band_value)
+                .field_range(&local.near, &region, least)
                 .map(|f| self.distance_range(component, &local.near, &region, f));
-            if let Some(d) = range {
-                known.field_distance = [w, -w]
-                    .into_iter()
-                    .find(|&c| (c > 0.0 && d.lo >= c) || (c < 0.0 && d.hi <= c));
-            }
+            known.field_distance = match range {
+                Some(d) if d.lo >= wanted.hi => Some(w),
+                Some(d) if d.hi <= wanted.lo => Some(-w),
+                _ => None,
+            };
             let whole = match known.field_distance {
-                _ if self.is_cut() && depth.lo >= w => Some(w),
+                _ if self.is_cut() && depth.lo >= wanted.hi => Some(w),
                 Some(c) if c > 0.0 || known.is_deep || !self.is_cut() => Some(c),
                 _ => None,
             };
@@ -241,10 +279,13 @@ impl<F: Filling> TiledSolid<'_, F> {
                     out[n] = d as f32;
                 }
             } else if known.field_distance.is_none() && self.options.distance == Distance::Fast {
-                let blocks = part.blocks(lattice, blocks);
+                let blocks = part.blocks(request, blocks);
                 self.fill_curved(component, local, blocks, known, curved, out);
             } else {
                 for n in part.indices(lattice) {
+                    if !known.is_needed(n as u32) {
+                        continue;
+                    }
                     curved.evaluations += 1;
                     let x = lattice.point(n).0;
                     out[n] = self.value_at(component, local, x, known) as f32;
@@ -288,12 +329,13 @@ impl PartOfLattice {
         })
     }
 
-    /// The samples by blocks, each in storage order.
+    /// The samples by blocks, each in storage order; blocks without a needed sample are left out.
     fn blocks<'a>(
         &self,
-        lattice: &SampleLattice<WorldPoint>,
+        request: &FillRequest,
         buffers: &'a mut Vec<Vec<LatticeSample>>,
     ) -> &'a [Vec<LatticeSample>] {
+        let FillRequest { lattice, limits } = *request;
         let [_, ny, nz] = lattice.counts;
         let count = [0, 1, 2].map(|a| (self.last[a] - self.first[a]) / BLOCK_EDGE + 1);
         let all = count.iter().product();
@@ -301,7 +343,6 @@ impl PartOfLattice {
         if buffers.len() < all {
             buffers.resize_with(all, Vec::new);
         }
-        let mut blocks = buffers[..all].iter_mut();
         let along = |a: usize, block: usize| {
             let first = self.first[a] + BLOCK_EDGE * block;
             first..=self.last[a].min(first + BLOCK_EDGE - 1)
@@ -317,8 +358,10 @@ impl PartOfLattice {
                 at[n] = *x;
             }
         }
+        let mut used = 0;
         for (bi, bj) in (0..count[0]).flat_map(|i| (0..count[1]).map(move |j| (i, j))) {
-            for (bk, block) in (0..count[2]).zip(&mut blocks) {
+            for bk in 0..count[2] {
+                let block = &mut buffers[used];
                 block.clear();
                 for (i, j) in along(0, bi).flat_map(|i| along(1, bj).map(move |j| (i, j))) {
                     let (x, y) = (at[0][i - self.first[0]], at[1][j - self.first[1]]);
@@ -327,9 +370,12 @@ impl PartOfLattice {
                         x: Vec3::new(x, y, at[2][k - self.first[2]]),
                     }));
                 }
+                let is_needed =
+                    |t: &LatticeSample| limits.is_none_or(|l| l.is_needed(t.n as usize));
+                used += usize::from(block.iter().any(is_needed));
             }
         }
-        &buffers[..all]
+        &buffers[..used]
     }
 }
 

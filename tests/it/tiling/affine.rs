@@ -271,7 +271,7 @@ fn values_and_signs_in_bulk_are_those_of_single_points() {
                     let mut values = vec![0f32; lattice.len()];
                     let mut rows = vec![0; counts[0] * counts[1]];
                     tiled.fill(&lattice, &mut values);
-                    tiled.signs(&lattice, &mut rows);
+                    tiled.signs(&lattice, &vec![u64::MAX; rows.len()], &mut rows);
                     for (m, &v) in values.iter().enumerate() {
                         let single = tiled.value(lattice.point(m));
                         let off = (f64::from(v) - single).abs() / h;

@@ -191,7 +191,7 @@ fn signs_are_those_of_the_values() {
                 let [nx, ny, nz] = lattice.counts;
                 let mut rows = vec![0; nx * ny];
                 solid.fill(&lattice, &mut values);
-                let looked = solid.signs(&lattice, &mut rows);
+                let looked = solid.signs(&lattice, &vec![u64::MAX; nx * ny], &mut rows);
                 assert_eq!(looked, lattice.len() as u64);
                 assert!(rows.iter().all(|r| r >> nz == 0));
                 for (m, &v) in values.iter().enumerate() {

@@ -3,10 +3,10 @@
 use super::options;
 use crate::strategy::{self, Noise};
 use druse::cell::{Surface, Table};
-use druse::field::{Field, SampleLattice};
+use druse::field::{Field, SampleLattice, ValueLimits};
 use druse::frame::{Element, Vec3, WorldPoint};
 use druse::scaffold::{Kind, Scaffold};
-use druse::tiling::TiledSolid;
+use druse::tiling::{Boundary, TiledSolid, TilingOptions};
 
 #[test]
 fn maps_are_sums_of_shape_functions() {
@@ -82,4 +82,74 @@ fn values_in_bulk_are_those_of_single_points_in_graded_elements_of_every_kind() 
             }
         }
     }
+}
+
+#[test]
+fn limits_change_no_value_between_them() {
+    let mut spared = 0;
+    for (kind, bend) in [
+        (Kind::Tet10, true),
+        (Kind::Hex20, true),
+        (Kind::Tet4, false),
+        (Kind::Hex8, false),
+    ] {
+        let scaffold = if bend {
+            graded(kind)
+        } else {
+            let (nodes, elements) = strategy::mesh(kind, [2, 2, 2], 0.1, 1);
+            Scaffold::new(nodes, elements).unwrap()
+        };
+        let surface = if kind.shape() == Element::Hex {
+            Surface::SchwarzP
+        } else {
+            Surface::Diamond
+        };
+        let table = Table::new(&surface.cell(kind.shape()).unwrap()).unwrap();
+        let mut noise = Noise::new(29);
+        let h = 1.0 / 20.0;
+        for boundary in [Boundary::Cut, Boundary::Extend] {
+            let options = TilingOptions {
+                boundary,
+                ..options(h)
+            };
+            let tiled = TiledSolid::new(&scaffold, &table, options).unwrap();
+            let bounds = scaffold.bounds().dilated(4.0 * h);
+            for _ in 0..30 {
+                let share = noise.vector() * 0.5 + Vec3::repeat(0.5);
+                let lattice = SampleLattice {
+                    origin: WorldPoint(bounds.min + bounds.size().component_mul(&share)),
+                    step: h,
+                    counts: [8, 8, 7],
+                };
+                let mut right = vec![0f32; lattice.len()];
+                let all = tiled.fill_counting(&lattice, &mut right);
+                // A slab that is not needed, signs, one side of the band, and any two numbers.
+                let w = options.half_width as f32;
+                let (low, high) = (0..lattice.len())
+                    .map(|n| match n / 56 {
+                        0..4 => (0.2 * w, -0.1 * w),
+                        4 => (-f32::MIN_POSITIVE, 0.0),
+                        5 => (-w, 0.3 * w),
+                        6 => (-0.4 * w, w),
+                        _ => [noise.signed(), noise.signed()]
+                            .map(|s| w * s as f32)
+                            .into(),
+                    })
+                    .unzip();
+                let limits = ValueLimits::new(low, high);
+                let mut values = vec![0f32; lattice.len()];
+                let evaluated = tiled.fill_within(&lattice, &limits, &mut values);
+                spared += all.saturating_sub(evaluated);
+                for (n, (v, right)) in values.iter().zip(right).enumerate() {
+                    let [low, high] = limits.of_sample(n);
+                    let off = v.clamp(low.min(high), high) - right.clamp(low.min(high), high);
+                    assert!(
+                        !limits.is_needed(n) || off.abs() < 1e-4 * h as f32,
+                        "{kind:?} {boundary:?}: {v} in place of {right}, limits {low} {high}"
+                    );
+                }
+            }
+        }
+    }
+    assert!(spared > 20_000, "{spared}");
 }

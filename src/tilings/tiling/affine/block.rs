@@ -4,11 +4,10 @@
 //! block's samples have bit n for sample n. A lattice is stored with z fastest. Blocks belong to parts of the lattice,
 //! boxes that bounds may decide as a whole.
 
-use super::rule::Quantity;
 use crate::tiling::boundary::RegionFacts;
 use crate::tiling::fill::BLOCK_EDGE;
 use crate::tiling::locality::NearElements;
-use druse_geometry::field::{Point, SampleLattice};
+use druse_geometry::field::{Interval, Point, SampleLattice, ValueLimits};
 use druse_geometry::frame::{Vec3, WorldPoint};
 
 // The masks of eight bits, the offsets of one bit and the spans of two ends hold for this edge only.
@@ -43,7 +42,7 @@ pub(super) struct Block {
     indices: [u32; 3],
     /// Number of its part, see [`Block::part`].
     part: u32,
-    /// The samples that the lattice has among the eight of a block: a bit each.
+    /// The needed samples that the lattice has among the eight of a block: a bit each.
     pub sample_mask: u8,
     /// Distance from the centre to the farthest sample, world units.
     pub radius: f64,
@@ -62,6 +61,8 @@ pub(super) struct Part {
     pub reach: f64,
     /// Range of its boundary triangles among [`FillContext::part_triangles`].
     pub triangle_range: [usize; 2],
+    /// Distances beyond its ends need only their side.
+    pub wanted: Interval,
 }
 
 /// What the blocks share while a lattice, or a part of it, is evaluated.
@@ -72,8 +73,8 @@ pub(super) struct FillContext<'a> {
     pub near: &'a NearElements,
     /// The positions of the samples.
     pub lattice: &'a SampleLattice<WorldPoint>,
-    /// Whether distances are evaluated or only signs.
-    pub quantity: Quantity,
+    /// The limits of the samples, where not all distances in the band are needed.
+    pub limits: Option<&'a ValueLimits>,
     /// Boundary triangles that may affect the lattice; `None` if they have not been collected.
     pub boundary_triangles: Option<&'a [u32]>,
     /// Boundary triangles that may affect a part, part by part; empty before the parts are added.
@@ -95,6 +96,8 @@ impl<'a> FillContext<'a> {
             boundary_triangles: self
                 .boundary_triangles
                 .map(|_| &self.part_triangles[part.triangle_range[0]..part.triangle_range[1]]),
+            wanted: part.wanted,
+            limits: self.limits,
         }
     }
 
@@ -155,12 +158,22 @@ impl Block {
                 edges += 1;
             }
         }
+        let first_index = (first[0] * ny + first[1]) * nz + first[2];
+        if let Some(limits) = context.limits {
+            for (n, offset) in context.offsets.iter().enumerate() {
+                // The lattice has the samples of the mask only.
+                let bit = sample_mask & 1 << n;
+                if bit != 0 && !limits.is_needed(first_index + offset) {
+                    sample_mask &= !bit;
+                }
+            }
+        }
         Self {
             indices: first.map(|i| (i / BLOCK_EDGE) as u32),
             part: part as u32,
             sample_mask,
             radius: context.lattice.step * BOX_DIAGONALS[edges] / 2.0,
-            first_index: (first[0] * ny + first[1]) * nz + first[2],
+            first_index,
         }
     }
 
@@ -186,7 +199,7 @@ impl Block {
         [x[i].centre, y[j].centre, z[k].centre]
     }
 
-    /// Whether the lattice has all eight samples.
+    /// Whether the lattice has all eight samples, and all are needed.
     #[inline]
     pub fn is_full(&self) -> bool {
         self.sample_mask == ALL_SAMPLES

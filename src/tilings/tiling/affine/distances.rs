@@ -1,11 +1,11 @@
-//! Blends the scales of elements near a face to one distance a point: d = F sum(omega s) / sum(omega), rule Q in
-//! section 7.1 of mathematics.md, clamped to the band. Data lie in rows of eight points in double precision; F and
-//! its gradient come as groups of four single-precision numbers a point and are transposed to rows when loaded.
+//! Values and distances of a batch's points, as rows of eight: d = F sum `w_e` `s_e` / sum `w_e`, clamped to the half width w, or
+//! w with the sign of F where the point has no scales.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand. Closures
 // are not: no SIMD arithmetic is written in them.
 #![allow(clippy::inline_always)]
 
 use super::sample_batch::{MAX_SAMPLES, ROW, Row};
+use druse_geometry::field::Interval;
 use druse_geometry::simd::{self, Eight, Lanes, Number, SimdKernel};
 
 /// Values and distances of a batch's points in the elements that own them.
@@ -45,12 +45,12 @@ impl BatchDistances {
     }
 
     /// Sets the distances of `len` points to the half width with the values' signs. Returns a bit for each point
-    /// whose value is below `band_value`.
-    pub fn set_far_distances(&mut self, len: usize, [band_value, half_width]: [f64; 2]) -> u64 {
+    /// whose value is within `open`.
+    pub fn set_far_distances(&mut self, len: usize, open: Interval, half_width: f64) -> u64 {
         simd::run(FarDistancesKernel {
             distances: self,
             len,
-            band_value,
+            open,
             half_width,
         })
     }
@@ -91,7 +91,7 @@ impl BatchDistances {
 struct FarDistancesKernel<'a> {
     distances: &'a mut BatchDistances,
     len: usize,
-    band_value: f64,
+    open: Interval,
     half_width: f64,
 }
 
@@ -108,17 +108,17 @@ impl SimdKernel for FarDistancesKernel<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> u64 {
         let zero = Eight::of(lanes, &[0.0; ROW]);
-        let (band_value, w) = (zero.splat(self.band_value), zero.splat(self.half_width));
-        let mut low = 0;
-        // d = w sign F, kept by points whose |F| is out of the band: no scale is computed for them.
+        let w = zero.splat(self.half_width);
+        let (low, high) = (zero.splat(self.open.lo), zero.splat(self.open.hi));
+        let mut open = 0;
         for row in 0..self.len.div_ceil(ROW).min(MAX_SAMPLES / ROW) {
             let Some(f) = self.distances.values(lanes, row) else {
                 break;
             };
             self.distances.d[row] = f.select_below(zero, zero - w, w).row();
-            low |= u64::from(f.abs().bits_below(band_value)) << (ROW * row);
+            open |= u64::from(f.bits_below(high) & low.bits_below(f)) << (ROW * row);
         }
-        low
+        open
     }
 }
 
@@ -136,7 +136,7 @@ impl SimdKernel for BlendKernel<'_> {
             let Some(f) = self.distances.values(lanes, row) else {
                 break;
             };
-            // d = F sum(omega s) / sum(omega), within the band.
+            // d = F sum w_e s_e / sum w_e.
             let weights = Eight::of(lanes, &self.distances.weights[row]);
             let d = f * Eight::of(lanes, &self.distances.scales[row]) / weights;
             let d = d.min(w).max(zero - w);

@@ -9,6 +9,7 @@ use super::sample_batch::{MAX_SAMPLES, bits};
 use crate::tiling::boundary::RegionFacts;
 use crate::tiling::locality::LocalSearch;
 use crate::tiling::{Filling, TiledSolid};
+use druse_geometry::field::Interval;
 use druse_geometry::frame::{Aabb, Vec3};
 
 /// A point more than this outside all elements, voxels, is not in a gap due to rounding.
@@ -69,6 +70,10 @@ impl<F: Filling> TiledSolid<'_, F> {
                     true => closest.distance,
                     false => -w,
                 };
+                if outside >= buffers.parts[sample.part].wanted.hi {
+                    out[sample.n] = w as f32;
+                    continue;
+                }
                 exterior_points[buffers.batch.len()] = (number, outside);
                 let q = closest.point;
                 feet = feet.union(Aabb { min: q, max: q });
@@ -87,7 +92,11 @@ impl<F: Filling> TiledSolid<'_, F> {
                 }
             }
             let near = (context.near, &*buffers.near_indices);
-            self.evaluate_rule_q(near, &buffers.batch, context.quantity, &mut buffers.samples);
+            let wanted = exterior
+                .iter()
+                .map(|sample| buffers.parts[sample.part].wanted)
+                .fold(Interval::new(0.0, 0.0), Interval::hull);
+            self.evaluate_rule_q(near, &buffers.batch, wanted, &mut buffers.samples);
             buffers.evaluations += u64::from(buffers.samples.owned.count_ones());
             // d = max(d_F, d_S); a closest point that rounding puts into no element is evaluated alone.
             for n in bits(buffers.batch.active) {

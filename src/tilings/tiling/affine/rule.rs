@@ -1,8 +1,9 @@
-//! Rule Q for a batch of points among affine elements: d = F sum(omega s) / sum(omega), section 7.1 of mathematics.md.
+//! Rule Q for a batch of points among affine elements: d = F sum `w_e` `s_e` / sum `w_e`.
 //!
-//! F is the value in the owner, the element of lowest number that contains the point. s is the scale of two Newton
-//! steps in each element e less than delta away, and `omega = 1 - max(m_e, depth) / delta` its weight, with `m_e` the
-//! distance outside e and depth the distance of the point below its owner's faces. The owner weighs 1.
+//! Each element e within a voxel delta of a point gives the scale `s_e` by two Newton steps (`newton_steps`). The owner has
+//! the weight `w_e` = 1, another element `w_e` = 1 - max(`m_e`, depth) / delta, where `m_e` is the distance outside it and the depth
+//! that below the owner's faces. Points are numbers in the batch and bits in its masks: `band` are those whose |F| leaves the
+//! distance open, `shared` those of them with several elements.
 
 use super::distances::BatchDistances;
 use super::newton_steps::NewtonBatch;
@@ -10,15 +11,8 @@ use super::sample_batch::{BatchLocations, MAX_SAMPLES, SampleBatch, bits};
 use crate::tiling::locality::NearElements;
 use crate::tiling::patch::Patch;
 use crate::tiling::{Filling, TiledSolid};
+use druse_geometry::field::Interval;
 use druse_geometry::frame::CellPoint;
-
-/// The quantity to evaluate at points.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(in crate::tiling) enum Quantity {
-    Distances,
-    /// Values of the right sign.
-    Signs,
-}
 
 /// Locations and distances of a batch's points.
 #[derive(Default)]
@@ -118,12 +112,13 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
     }
 
-    /// Distances of a batch's points among these of the near elements, by ascending number.
+    /// Distances of a batch's points among these of the near elements, by ascending number. Those beyond the ends of
+    /// `wanted`, which contains 0, only get their side.
     pub(super) fn evaluate_rule_q(
         &self,
         (near, near_indices): (&NearElements, &[u32]),
         batch: &SampleBatch,
-        quantity: Quantity,
+        wanted: Interval,
         evaluation: &mut BatchEvaluation,
     ) {
         let (w, delta) = (self.options.half_width, self.delta());
@@ -161,11 +156,11 @@ impl<F: Filling> TiledSolid<'_, F> {
             }
             deep |= location.owns & location.deep;
         }
-        // |d| >= |F| / L: where |F| >= w L, the distance is the half width.
-        // Every scale is at least 1 / L.
-        let band = distances.set_far_distances(batch.len(), [w * sup, w]) & *owned;
+        // Every scale is at least 1 / L: F beyond L times a wanted distance is beyond that distance.
+        let open = Interval::new(sup * wanted.lo, sup * wanted.hi);
+        let band = distances.set_far_distances(batch.len(), open, w) & *owned;
         *has_unproved_sign |= *change > w * sup;
-        if band == 0 || quantity == Quantity::Signs {
+        if band == 0 {
             return;
         }
         // Deep points have no second element; the others need their depth below the owner's faces.
@@ -190,6 +185,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             let first = count;
             // omega = 1 - max(m_e, depth) / delta, zero a voxel away from the face.
             for n in bits(location.shares & shared & !location.owns) {
+                // w_e = 1 - max(m_e, depth) / delta.
                 let weight = 1.0 - location.outside(n).max(depth[n]) / delta;
                 if weight > 0.0 {
                     newton_items[count % MAX_SAMPLES] = (n as u8, weight);
@@ -214,6 +210,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             // s of each point in this element, by two Newton steps.
             let (limits, map) = (self.limits(patch), patch.origin_map());
             newton.len = count;
+            // p1 = x + step with F and gradient there, then p2: s_e = |x - p2| / |F_e(x)|.
             newton.take_first_step(limits, &map);
             let slopes = &mut newton.slopes[..count];
             self.filling

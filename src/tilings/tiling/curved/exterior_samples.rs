@@ -1,4 +1,9 @@
 //! Samples in no element: the field is continued from the nearest points of the boundary, all of a box together.
+//!
+//! A sample x with the nearest boundary point q takes max(d(p), |x - q|), clamped to w, where p is q on the nearest element.
+//! The boundary's triangles deviate from curved faces by the chordal error. So within a voxel delta p is blended into the
+//! foot y of x on the element: p = q + (1 - |x - q| / delta) (y - q), and the value is continuous where the element ends.
+//! The law `values_in_bulk_are_those_of_single_points_in_graded_elements_of_every_kind` compares with single points.
 
 use super::{CurvedBatch, LatticeSample};
 use crate::tiling::boundary::RegionFacts;
@@ -59,7 +64,12 @@ impl<F: Filling> TiledSolid<'_, F> {
                 out[exterior.sample.n as usize] = self.options.half_width as f32;
             }
         }
-        self.evaluate_items(local, batch, |t, d| {
+        // The items are numbered in the list of exterior samples.
+        let known = RegionFacts {
+            limits: None,
+            ..known
+        };
+        self.evaluate_items(local, known, batch, |t, d| {
             let exterior = &continued[t.n as usize];
             let d = d.max(exterior.least).min(self.options.half_width);
             out[exterior.sample.n as usize] = d as f32;
@@ -95,7 +105,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             } else {
                 distance
             };
-            if outside >= w {
+            if outside >= w.min(known.wanted.hi) {
                 return Err(Some(w));
             }
             (closest, outside)

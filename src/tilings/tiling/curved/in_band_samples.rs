@@ -1,6 +1,13 @@
 //! Samples in the band: from gradients in the contributing elements to blended distances.
+//!
+//! d = F sum `w_e` `s_e` / sum `w_e` over the elements e within a voxel delta of the sample: w = 1 for the owner, otherwise
+//! `w_e` = 1 - max(`m_e`, depth) / delta, with `m_e` the distance outside e and the depth below the owner's faces. Both are 0 at
+//! a face, where the two elements have the same weight. A contribution is one term of the sum; contributions lie in runs of
+//! one element, and within them of one local map, in ascending order of elements, so that each sample is summed in the same
+//! order from both sides of a face. The steps have no error of their own; `newton_distance` states that of the scale.
 
 use super::{CurvedBatch, JacobianSource, LatticeSample};
+use crate::tiling::boundary::RegionFacts;
 use crate::tiling::locality::LocalSearch;
 use crate::tiling::newton_distance::{self, FirstStep, InverseJacobians, StepStarts};
 use crate::tiling::{Filling, TiledSolid};
@@ -28,12 +35,12 @@ impl<F: Filling> TiledSolid<'_, F> {
     pub(super) fn collect_contributions(
         &self,
         local: &LocalSearch,
+        known: RegionFacts,
         batch: &mut CurvedBatch,
         mut found: impl FnMut(&LatticeSample, f64),
     ) {
         let w = self.options.half_width;
-        // Every scale is at least 1 / L.
-        let band_value = w * local.near.slope_sup;
+        let sup = local.near.slope_sup;
         batch.contributions.clear();
         batch.shared.clear();
         batch.points.clear();
@@ -41,8 +48,12 @@ impl<F: Filling> TiledSolid<'_, F> {
         batch.inverses.clear();
         for n in 0..batch.items.len() {
             let (item, f) = (&batch.items[n], batch.owner_slopes[n].0);
-            if f.abs() >= band_value {
-                found(&item.sample, w.copysign(f));
+            // Every scale is at least 1 / L: F beyond L times a wanted distance is beyond that distance.
+            let wanted = known.wanted_of(item.sample.n);
+            if f >= sup * wanted.hi {
+                found(&item.sample, w);
+            } else if f <= sup * wanted.lo {
+                found(&item.sample, -w);
             } else if item.depth >= self.delta() {
                 batch.push_owner_contribution(n as u32);
             } else {
@@ -72,6 +83,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             for (k, preimage) in found.found() {
                 let n = batch.neighbours[k as usize];
                 let depth = batch.items[n as usize].depth;
+                // w_e = 1 - max(m_e, depth) / delta.
                 let weight = 1.0 - preimage.outside_distance.max(depth) / self.delta();
                 if weight > 0.0 {
                     batch.inverses.push(preimage.inverse);
@@ -120,7 +132,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         scales.resize(contributions.len(), 0.0);
         let count = contributions.len().max(first_steps.len());
         first_steps.resize(count, FirstStep::default());
-        // First Newton step of all points with one element and one local map, which share its limits and map.
+        // The first step of all contributions, by runs with one map from x to xi.
         let (mut first, mut next_inverse, mut first_step) = (0, 0, 0);
         for run in contributions
             .chunk_by(|a, b| (a.near_index, a.local_map) == (b.near_index, b.local_map))
@@ -154,7 +166,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             );
             (first, first_step) = (all.end, range.end);
         }
-        // F and its gradient at the ends of the first steps, all points of an element at once.
+        // F and gradient at the ends p1 of the first steps.
         let mut first = 0;
         for run in contributions.chunk_by(|a, b| a.near_index == b.near_index) {
             let all = first..first + run.len();
@@ -162,7 +174,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             let near_index = run[0].near_index as usize;
             self.evaluate_slopes(local, near_index, &points[all.clone()], &mut slopes[all]);
         }
-        // The second steps, in the runs of the first: each gives the scale s of its point.
+        // The second step, to p2: s_e = |x - p2| / |F_e(x)|.
         let (mut first, mut first_step) = (0, 0);
         for run in contributions
             .chunk_by(|a, b| (a.near_index, a.local_map) == (b.near_index, b.local_map))
@@ -180,7 +192,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             );
             (first, first_step) = (all.end, range.end);
         }
-        // d = F sum(omega s) / sum(omega), section 7.1 of mathematics.md; the elements come in ascending order.
+        // sum w_e s_e and sum w_e.
         for (contribution, scale) in contributions.iter().zip(&*scales) {
             let sum = &mut sums[contribution.item as usize];
             sum.scales += contribution.weight * scale;
@@ -189,6 +201,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let w = self.options.half_width;
         let all = items.iter().zip(&*owner_slopes).zip(&*sums);
         for ((item, (f, _)), sum) in all.filter(|(_, s)| s.weights > 0.0) {
+            // d = F sum w_e s_e / sum w_e.
             let d = (f * sum.scales / sum.weights).clamp(-w, w);
             found(&item.sample, d);
         }

@@ -1,0 +1,81 @@
+//! Limits between which values matter, sample by sample.
+//!
+//! A minimum of fields needs one of them only where it is less than the others, a band only values nearer than its half
+//! width, and a sign only the side of 0. So each reader of a lattice passes limits down, and a field that costs much
+//! leaves out the samples that other fields have decided.
+
+/// For each sample of a lattice, an open interval (low, high). Only values in it are needed exactly: any value that is at
+/// most `low` stands for each other one, and so does any value that is at least `high`. Where `low` is not less than
+/// `high`, the value is not needed.
+#[derive(Clone, Debug, Default)]
+pub struct ValueLimits {
+    pub(super) low: Vec<f32>,
+    pub(super) high: Vec<f32>,
+}
+
+impl ValueLimits {
+    /// Limits sample by sample.
+    ///
+    /// # Panics
+    /// When the numbers of the two differ.
+    pub fn new(low: Vec<f32>, high: Vec<f32>) -> Self {
+        assert_eq!(low.len(), high.len(), "two limits per sample");
+        Self { low, high }
+    }
+
+    /// The same limits for `count` samples.
+    pub fn uniform(count: usize, [low, high]: [f32; 2]) -> Self {
+        Self {
+            low: vec![low; count],
+            high: vec![high; count],
+        }
+    }
+
+    /// Replaces the limits by those of samples of which only the signs are needed, and only where a bit of `needed` is set,
+    /// in rows of `along` samples; zero is not negative.
+    pub fn set_signs(&mut self, needed: &[u64], along: usize) {
+        let [low, high] = [-f32::MIN_POSITIVE, 0.0];
+        let bits = needed
+            .iter()
+            .flat_map(|row| (0..along).map(move |k| row >> k & 1));
+        self.low.clear();
+        self.low
+            .extend(bits.map(|bit| if bit == 0 { high } else { low }));
+        self.high.clear();
+        self.high.resize(self.low.len(), high);
+    }
+
+    /// Whether the value of sample `n` is needed.
+    #[inline]
+    pub fn is_needed(&self, n: usize) -> bool {
+        self.low[n] < self.high[n]
+    }
+
+    /// The limits of sample `n`.
+    #[inline]
+    pub fn of_sample(&self, n: usize) -> [f32; 2] {
+        [self.low[n], self.high[n]]
+    }
+
+    /// The least and the greatest limit of the needed ones among some samples; `None` if none is needed.
+    #[inline]
+    pub fn hull(&self, samples: impl IntoIterator<Item = usize>) -> Option<[f32; 2]> {
+        let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+        for n in samples {
+            if self.is_needed(n) {
+                low = low.min(self.low[n]);
+                high = high.max(self.high[n]);
+            }
+        }
+        (low < high).then_some([low, high])
+    }
+
+    /// The limits of the field whose negative has these limits.
+    #[must_use]
+    pub fn negated(&self) -> Self {
+        Self {
+            low: self.high.iter().map(|v| -v).collect(),
+            high: self.low.iter().map(|v| -v).collect(),
+        }
+    }
+}
