@@ -124,7 +124,6 @@ pub struct InitialSolutions {
 
 /// Bytes for each voxel that [`properties`] takes at most; `keeps` where solutions are kept.
 /// Permeability and stiffness are solved one after the other, so that the greater need counts.
-
 pub fn bytes_per_voxel(settings: &Settings, keeps: bool) -> u64 {
     let flow = if settings.permeability {
         Stokes::BYTES_PER_VOXEL

@@ -85,16 +85,19 @@ impl<'a> Inputs<'a> {
     /// Reads the solids of all operations, and the beams of their files. A file that several
     /// operations name in the same frame is read once.
     fn load_solids(&mut self) -> Result<(), RunError> {
-        let mut seen: Vec<(SurfaceRef, SolidAndBeams)> = Vec::new();
+        // Whether a surface was loaded as a skin goes with what it gave.
+        let mut seen: Vec<(SurfaceRef, bool, SolidAndBeams)> = Vec::new();
         for (n, op) in self.recipe.sections().op.iter().enumerate() {
             let Some(surface) = op.operand().and_then(Operand::surface) else {
                 continue;
             };
             let is_skin = matches!(op.operand(), Some(Operand::Skin(_)));
-            // The skin of a file with beams needs its mesh alone.
-            let is_known =
-                |s: &&(SurfaceRef, SolidAndBeams)| s.0 == surface && !(is_skin && s.1.1.is_some());
-            let (solid, lattice) = if let Some((_, solid_and_beams)) = seen.iter().find(is_known) {
+            // The skin of a file with beams needs its mesh alone, and then does not know of its beams.
+            let is_known = |(known, was_skin, (_, beams)): &&(SurfaceRef, bool, SolidAndBeams)| {
+                *known == surface && (*was_skin == is_skin || !was_skin && beams.is_none())
+            };
+            let (solid, lattice) = if let Some((_, _, solid_and_beams)) = seen.iter().find(is_known)
+            {
                 solid_and_beams.clone()
             } else {
                 let suffix = if is_skin { ".skin" } else { "" };
@@ -104,7 +107,7 @@ impl<'a> Inputs<'a> {
                 } else {
                     self.files.solid_and_beams(&key, surface)?
                 };
-                seen.push((surface, solid_and_beams.clone()));
+                seen.push((surface, is_skin, solid_and_beams.clone()));
                 solid_and_beams
             };
             if let Some(lattice) = lattice {

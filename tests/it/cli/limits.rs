@@ -227,10 +227,10 @@ fn a_vertex_far_away_is_refused_or_foreseen_without_the_work() {
         format!("v 0 0 0\nv 10 0 0\nv 0 10 0\nv {far}\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
     };
     for far in ["0 0 1e9", "1e8 10 10"] {
-        place.write("far.obj", &needle(far));
+        place.write("far.obj", needle(far));
         refuse(&place, &["run", "r.toml"], 65, &["memory"]);
     }
-    place.write("far.obj", &needle("1e12 10 10"));
+    place.write("far.obj", needle("1e12 10 10"));
     refuse(
         &place,
         &["run", "r.toml"],
