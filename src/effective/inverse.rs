@@ -124,6 +124,13 @@ fn nearest(misses: &[Miss]) -> String {
         let is_least = m.found < m.wanted;
         let word = if is_least { "at most" } else { "at least" };
         let rounded = target::rounded(m.found, is_least);
+        // No cell has a way through its void that is 0 wide.
+        if rounded == 0.0 {
+            return format!(
+                "{} 0 where {} was wanted; expected less, or other starts",
+                m.key, m.wanted
+            );
+        }
         format!(
             "{} {rounded} where {} was wanted; expected {word} {rounded}",
             m.key, m.wanted
