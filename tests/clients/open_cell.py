@@ -222,7 +222,7 @@ def main():
         nonlocal is_good
         off = abs(ours / theirs - 1)
         is_good &= bool(off <= most)
-        verdict = "" if off <= most else f", more than {100 * most:.0f} % apart"
+        verdict = "" if off <= most else f", more than {100 * most:g} % apart"
         print(f"{path.stem:24} {what:32} numpy {ours:.5f}, Druse {theirs:.5f}{verdict}", flush=True)
 
     for path in given.cells:
