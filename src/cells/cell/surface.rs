@@ -1,4 +1,8 @@
 //! Triply periodic surfaces in closed form, as exact coefficient sets.
+//!
+//! Each surface is a sum of few products of sines and cosines of multiples of 2 pi times a coordinate, and its period
+//! is 1 along each axis. Those with a point group are listed by one coefficient per orbit, the others by products that
+//! are expanded into exponentials. The coefficients are exact; no fit is involved.
 
 use super::{Cell, CellError, Series, default_group, symmetry};
 use crate::symmetry::Frequency;
@@ -138,6 +142,7 @@ const LIDINOID: &[Product] = &[
 ];
 
 /// Expands the products into exponentials; keeps one of each pair +-k.
+/// The pairs are of an index along x, y and z and (re, im); the coefficient of -k is the conjugate.
 fn exponentials(products: &[Product]) -> Vec<(Frequency<3>, [f64; 2])> {
     let mut terms = BTreeMap::<Frequency<3>, [f64; 2]>::new();
     for (factor, axes) in products {
@@ -197,6 +202,7 @@ impl Surface {
     }
 
     /// The surface with the given name; case, `_` and `-` are ignored.
+    /// `None` for an unknown name.
     pub fn from_name(name: &str) -> Option<Self> {
         let normalized = |s: &str| s.replace(['_', '-'], "").to_ascii_lowercase();
         Self::CATALOGUE
@@ -213,6 +219,7 @@ impl Surface {
     }
 
     /// The function as text.
+    /// The notation is that of [`Surface`]'s table.
     pub const fn formula(self) -> &'static str {
         match self {
             Self::SchwarzP => "cX + cY + cZ",
@@ -267,6 +274,7 @@ impl Surface {
     }
 
     /// The cell of an element, with level 0 and the solid below it.
+    /// The default name of the cell is the surface's. In a tet the periods are still those of the cube.
     ///
     /// # Errors
     /// [`CellError::NoSuchForm`] for surfaces without a point group in a tet, and for other elements.
@@ -308,6 +316,7 @@ impl Surface {
 
 /// A cell on the cubic lattice from one coefficient of each orbit, under the group of a name, or with `None` under that
 /// of the element.
+/// `terms` are an index and (re, im). The level is 0 and the solid below it.
 ///
 /// # Errors
 /// [`CellError`] for an unknown group.

@@ -94,6 +94,7 @@ impl std::fmt::Debug for Table {
 
 impl Table {
     /// The table of a cell, with at least 8 samples per shortest wave, but at most 160 samples per axis.
+    /// An expression has one spline for each of its series.
     ///
     /// # Errors
     /// [`CellError::TableTooLarge`] if the band needs more than 160 samples per axis to be represented at all
@@ -113,6 +114,7 @@ impl Table {
 
     /// Builds the table of a cell from the spectra of its series, each on its grid; bounds of the expression follow
     /// from those of the series.
+    /// `leaves` are in the order of the expression's leaves.
     fn build(cell: &Cell, expression: Expression, leaves: Vec<(Spectrum, Grid)>) -> Self {
         let any_numbering = cell.fits_any_numbering();
         let element = cell.element();
@@ -214,6 +216,7 @@ impl Table {
     }
 
     /// The same table, evaluated with baseline instructions only: bit-identical on every processor.
+    /// The same result on every processor costs speed: only vector instructions of the oldest are used.
     #[must_use]
     pub fn portable(mut self) -> Self {
         let leaves = match &mut self.function {
@@ -246,6 +249,7 @@ impl Table {
     }
 
     /// The largest number of samples per period over all axes and series.
+    /// 0 for a table without series.
     #[inline]
     pub fn samples(&self) -> usize {
         self.leaves()
@@ -310,6 +314,7 @@ impl Table {
 
     /// A bound L of the gradient's length over the points of the element where |value| <= L `reach`, which
     /// include all points within `reach` of the surface. At most [`Self::gradient_sup`].
+    /// `reach` is a reference length. For an expression it is the bound of the whole element.
     #[inline]
     pub fn gradient_sup_near(&self, reach: f64) -> f64 {
         let near = self.gradient_bounds.as_ref().map(|s| s.near_surface(reach));
@@ -323,6 +328,7 @@ impl Table {
     }
 
     /// Range of the function and bound of its gradient's length over a box.
+    /// Without the solid's sign and fold; it bounds the interpolant, or the products that replace it.
     fn range(&self, region: &CellBox<3>) -> (Interval, f64) {
         match &self.function {
             Function::Single(leaf) => {
@@ -350,6 +356,7 @@ impl Table {
         self.range(region).1
     }
 
+    /// The solid's value from the interpolant: its sign, or its fold for a sheet or channels.
     #[inline]
     fn solid_value(&self, raw: f32) -> f32 {
         match self.solid {
@@ -370,6 +377,7 @@ impl Table {
         }
     }
 
+    /// The interpolant's value, before the solid's sign and fold.
     #[inline]
     fn raw(&self, p: CellPoint<3>) -> f32 {
         match &self.function {
@@ -437,6 +445,7 @@ impl Table {
     }
 
     /// Value and gradient in single precision.
+    /// Gradient per unit of reference length, in the direction of growing values.
     #[inline]
     pub fn sample(&self, p: CellPoint<3>) -> (f32, [f32; 3]) {
         if self.is_direct {
@@ -457,6 +466,7 @@ impl Table {
 }
 
 /// Samples along an axis in [`Table::new`], from the largest index.
+/// From 32 to 160; `index` is the largest index of a wave along the axis.
 fn default_samples(index: i32) -> usize {
     (SAMPLES_PER_WAVE * index as usize).clamp(MIN_SAMPLES, MAX_SAMPLES)
 }
@@ -471,6 +481,7 @@ fn function(cell: &Cell) -> Expression {
 }
 
 /// The spectra of the leaves of an expression, from left to right.
+/// The order is that of every other walk over the leaves. The first failure is returned.
 fn spectra(expression: &Expression) -> Result<Vec<Spectrum>, CellError> {
     let mut all = Vec::new();
     expression.value_with(&mut |leaf| {
@@ -480,12 +491,15 @@ fn spectra(expression: &Expression) -> Result<Vec<Spectrum>, CellError> {
     all.into_iter().collect()
 }
 
+/// The expression's value from one spline per leaf. Not inlined, to keep the fast path small. A spline is missing
+/// only if the lists differ in length, which cannot occur; NaN would show it.
 #[inline(never)]
 fn expression_value(expression: &Expression, leaves: &[SplineSeries], p: Vec3) -> f32 {
     let mut remaining = leaves.iter();
     expression.value_with(&mut |_| remaining.next().map_or(f64::NAN, |leaf| leaf.value(p))) as f32
 }
 
+/// As [`expression_value`], with the gradient per unit of reference length.
 #[inline(never)]
 fn expression_gradient(
     expression: &Expression,

@@ -38,6 +38,7 @@ fn mirrors(element: Element) -> Vec<Face> {
 }
 
 /// Reflects a point through the faces until it lies behind all of them.
+/// Eight reflections suffice near an element; a point far away may stay outside.
 fn reflected_inside(mirrors: &[Face], mut x: Vec3) -> Vec3 {
     for _ in 0..8 {
         let mut farthest = None;
@@ -75,6 +76,7 @@ impl<'a> ThicknessProbe<'a> {
     }
 
     /// The solid's values at points beyond or within the element.
+    /// Negative inside.
     fn values(&self, points: impl Iterator<Item = Vec3>, level: f64) -> Vec<f64> {
         let reflected = points.map(|x| CellPoint(reflected_inside(&self.mirrors, x)));
         let points: Vec<_> = reflected.collect();
@@ -87,6 +89,8 @@ impl<'a> ThicknessProbe<'a> {
 
     /// The chords from points of the surface along the inward normals, each to a step; they end at `most` if they are
     /// not shorter.
+    /// `most` is a length in reference units. A patch without a normal has a chord of the length `most`.
+    // Normals shorter than 1e-9 are none.
     fn chords_from(&self, patches: &[SurfacePatch], level: f64, most: f64) -> Vec<Chord> {
         let centres: Vec<_> = patches.iter().map(|p| p.centre).collect();
         let mut samples = vec![[0.0; 4]; patches.len()];
@@ -120,6 +124,7 @@ impl<'a> ThicknessProbe<'a> {
     }
 
     /// The lengths of chords.
+    /// Bisects between the ends of each chord; a length is at most `most`.
     fn lengths(&self, chords: &[&Chord], level: f64, most: f64) -> Vec<f64> {
         let mut ends: Vec<[f64; 2]> = chords.iter().map(|c| c.ends).collect();
         for _ in 0..CHORD_BISECTIONS {
@@ -162,11 +167,13 @@ impl<'a> ThicknessProbe<'a> {
     }
 
     /// [`Self::thickness`] where it is less than `most`, which is returned otherwise.
+    /// `most` is positive.
     fn thickness_within(&self, level: f64, most: f64) -> f64 {
         let solid = self.cell.solid;
         let chords = self.chords(level, most);
         let area: f64 = chords.iter().map(|c| c.area).sum();
         if area <= 0.0 {
+            // Without a surface the element is full or empty.
             let empty = solid.value(self.samples.values[0], level) > 0.0;
             return if empty { 0.0 } else { f64::INFINITY };
         }
@@ -221,12 +228,15 @@ impl<'a> Walk<'a> {
         }
     }
 
+    /// The point that is tried next.
     fn place(&self) -> Vec3 {
         self.chord.from + self.chord.inward * self.at
     }
 
     /// Ends the chord if the present point is outside; otherwise goes as far as is inside for sure, for a function
     /// that changes by at most `slope` in a unit of length. Returns whether it went on.
+    /// `slope` is positive, per unit of reference length. The first quarter step does not end a chord, since the point
+    /// may be outside where the surface is curved.
     fn goes_on(&mut self, slope: f64) -> bool {
         if self.value > 0.0 && self.at > CHORD_STEP / 2.0 {
             self.chord.ends = [self.inside, self.at];
@@ -239,6 +249,7 @@ impl<'a> Walk<'a> {
 }
 
 /// The length up to which chords have the `wanted` area, with the area of shorter ones; `None` if all have less.
+/// Each chord is (length, area). `below` is the area of shorter chords that are not listed.
 fn percentile(mut chords: Vec<(f64, f64)>, mut below: f64, wanted: f64) -> Option<f64> {
     chords.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     let mut chords = chords.into_iter();
@@ -286,9 +297,10 @@ impl Cell {
 
     /// The level whose thickness is nearest to the given one, with the measure of
     /// [`Cell::level_for_thickness`].
+    /// Where no level reaches it, the nearest measured one.
     ///
     /// # Errors
-    /// [`CellError::OutOfRange`] for a thickness that is not positive.
+    /// [`CellError::OutOfRange`] for a thickness that is not positive; [`CellError::TableTooLarge`].
     pub fn nearest_level_for_thickness(&self, thickness: f64) -> Result<NearestLevel, CellError> {
         Ok(self.nearest_levels_for_thicknesses(&[thickness])?[0])
     }

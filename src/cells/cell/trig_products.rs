@@ -62,11 +62,13 @@ pub struct Products {
 }
 
 /// The harmonic of a product along an axis.
+/// 0 for the constant function, else the number of waves in the period.
 fn harmonic(p: &Product, axis: usize) -> f64 {
     p.functions[axis].div_ceil(2) as f64
 }
 
 /// The derivative of a function: the index of another function, and the factor of that function.
+/// The derivative of cos h is -h sin h, that of sin h is h cos h.
 fn derivative(function: usize) -> (usize, f64) {
     match function {
         0 => (0, 0.0),
@@ -75,6 +77,7 @@ fn derivative(function: usize) -> (usize, f64) {
     }
 }
 
+/// `None` if it is no single series, has another period, harmonics beyond 3 or more than 16 products.
 impl Products {
     /// The products of a cell whose function is one short series of period 1 along the axes of its element.
     pub fn of(cell: &Cell, expression: &Expression) -> Option<Self> {
@@ -182,12 +185,14 @@ impl Products {
     }
 
     /// Whether values are representable in single precision.
+    /// The limit 1e30 leaves room for products.
     #[inline]
     pub fn is_single(&self) -> bool {
         (self.amplitude + self.mean.abs() + self.half.abs()) < 1e30
     }
 
     /// Value of the solid field from that of the sum, and its derivative with respect to the sum.
+    /// The derivative of a sheet has the sign of the sum.
     fn solid(&self, sum: f64) -> (f64, f64) {
         match self.solid {
             Solid::Below | Solid::Above => (sum, 1.0),
@@ -197,6 +202,7 @@ impl Products {
     }
 
     /// The sum and its derivatives with respect to the coordinates, in double precision.
+    /// `u` is in reference coordinates, of period 1.
     fn sum(&self, u: Vec3) -> (f64, Vec3) {
         let along: [[f64; FUNCTIONS]; 3] = std::array::from_fn(|a| {
             let angle = TAU * (u[a] - u[a].round());
@@ -222,6 +228,7 @@ impl Products {
     }
 
     /// Value (negative inside) and gradient in reference coordinates, in double precision.
+    /// `u` is in reference coordinates, and the gradient is per unit of them.
     #[inline]
     pub fn value_and_gradient(&self, u: Vec3) -> (f64, Vec3) {
         let (sum, gradient) = self.sum(u);
@@ -231,6 +238,8 @@ impl Products {
 
     /// The range of values in the box of reference coordinates around a centre: second-order Taylor
     /// expansion, with the second derivatives bounded by the coefficients.
+    /// `half` is the box's half edges, in reference lengths. The result is (least, greatest), widened by 1e-6 of the
+    /// largest magnitude for rounding.
     #[inline]
     pub fn bound(&self, centre: Vec3, half: Vec3) -> (f64, f64) {
         let (sum, gradient) = self.sum(centre);
@@ -248,6 +257,7 @@ impl Products {
 
     /// The range of the solid field from that of the sum. The sum has a relative rounding error `precision`
     /// of its largest magnitude.
+    /// The result is (least, greatest), each widened by that error.
     pub fn solid_range(&self, lo: f64, hi: f64, precision: f64) -> (f64, f64) {
         let slack = precision * (self.amplitude + self.mean.abs());
         let lo = lo.max(self.mean - self.amplitude) - slack;

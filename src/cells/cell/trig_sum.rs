@@ -1,4 +1,8 @@
 //! Exact evaluation of a real trigonometric sum from tables of phasors, one table per lattice axis.
+//!
+//! A phasor is a power exp(2 pi i k u) of one coordinate. A wave's phasor is the product over the axes. Waves are
+//! grouped in runs of consecutive last indices, so that a run is a dot product with the table of the last axis. All is
+//! in double precision, with one opposite of each pair stored.
 
 use rustfft::num_complex::Complex64;
 use std::f64::consts::TAU;
@@ -12,6 +16,8 @@ pub(super) struct Phasors {
 
 impl Phasors {
     /// The powers at the coordinate `u` up to `bound`.
+    /// `bound` is at least 0. `u` is reduced to a fraction of the period first, so that large coordinates lose nothing
+    /// but their own rounding.
     pub fn new(u: f64, bound: i32) -> Self {
         let n = bound as usize;
         let (mut re, mut im) = (vec![1.0; 2 * n + 1], vec![0.0; 2 * n + 1]);
@@ -30,6 +36,7 @@ impl Phasors {
         Self { bound, re, im }
     }
 
+    /// exp(2 pi i k u), for |k| up to the bound.
     #[inline]
     pub fn get(&self, k: i32) -> Complex64 {
         let n = (k + self.bound) as usize;
@@ -62,6 +69,7 @@ pub(super) struct TrigSum {
 }
 
 /// The dot product with four partial sums, which the compiler can vectorise.
+/// Both have the same length.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut lanes = [0.0; 4];
     let (ca, cb) = (a.chunks_exact(4), b.chunks_exact(4));
@@ -81,6 +89,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 
 impl TrigSum {
     /// From all indices with their coefficients (re, im); both members of each pair must be present.
+    /// The order of `terms` does not matter; each index occurs once.
     pub fn new(mut terms: Vec<([i32; AXES], [f64; 2])>) -> Self {
         // The sum over all waves is real: C e_k + conj(C) e_-k = 2 Re(C e_k). One wave of each pair is kept,
         // with weight 2; k = 0 is its own opposite.
@@ -122,6 +131,7 @@ impl TrigSum {
     }
 
     /// Phasors along the leading axes from `first_axis` on, and along the last axis.
+    /// The lists start at `first_axis`.
     fn tables(&self, u: [f64; AXES]) -> (Vec<Phasors>, Phasors) {
         let axes = self.first_axis..LEADING_AXES;
         let leading = axes.map(|a| Phasors::new(u[a], self.bounds[a])).collect();
@@ -132,6 +142,7 @@ impl TrigSum {
     }
 
     /// The product of the phasors along the leading axes, which all terms of a run share.
+    /// At least one leading axis is in the tables.
     fn leading(&self, run: &Run, tables: &[Phasors]) -> Complex64 {
         let indices = &run.leading[self.first_axis..];
         let mut factor = tables[0].get(indices[0]);
@@ -142,6 +153,7 @@ impl TrigSum {
     }
 
     /// Value at lattice coordinates `u`.
+    /// `u` has as many coordinates as there are axes, the unused first.
     pub fn value(&self, u: [f64; AXES]) -> f64 {
         let (leading, z) = self.tables(u);
         let mut sum = 0.0;
@@ -158,6 +170,7 @@ impl TrigSum {
     }
 
     /// Value and derivatives with respect to the lattice coordinates.
+    /// The derivatives are per unit of `u`; along axes that do not vary they are 0.
     pub fn value_and_gradient(&self, u: [f64; AXES]) -> (f64, [f64; AXES]) {
         let (leading, z) = self.tables(u);
         // Phasors times their index, for the derivative along the last axis.

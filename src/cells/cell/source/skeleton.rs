@@ -104,6 +104,7 @@ impl Skeleton {
     }
 
     /// Adds a strut along a segment.
+    /// Both are in source coordinates. The number in an error counts the struts from 0; a zero segment makes a ball.
     ///
     /// # Errors
     /// [`SkeletonError`] for corners that are not finite, or a radius that is not positive.
@@ -114,6 +115,8 @@ impl Skeleton {
     }
 
     /// Adds a plate of thickness 2 `radius` around a flat convex polygon.
+    /// All corners are in order around the face, one way or the other; tolerances are relative to the greatest distance
+    /// from the corners' mean: 1e-6 for flatness, 1e-9 of its square for area and convexity.
     ///
     /// # Errors
     /// [`SkeletonError`] for corners that are not finite or span no flat convex polygon, or a radius
@@ -176,6 +179,7 @@ impl Skeleton {
     }
 
     /// The skeleton under a map that scales lengths by `factor`.
+    /// The map is one of similarity, so that flat faces stay flat; nothing is checked again.
     #[must_use]
     pub fn mapped(&self, map: impl Fn(Vec3) -> Vec3, factor: f64) -> Self {
         let struts = self.struts.iter();
@@ -189,6 +193,7 @@ impl Skeleton {
     }
 
     /// The bounding box, radii included.
+    /// Empty without parts.
     pub fn bounds(&self) -> Aabb {
         let struts = self.struts.iter().map(|(e, r)| (&e[..], *r));
         let plates = self.plates.iter().map(|(c, r)| (&c[..], *r));
@@ -198,6 +203,7 @@ impl Skeleton {
     }
 
     /// The signed distance function, with its search trees.
+    /// Source coordinates and lengths; negative inside. Later changes of the skeleton do not affect it.
     ///
     /// # Errors
     /// [`SkeletonError`] for a skeleton without parts or with more than 256 distinct radii.
@@ -205,6 +211,7 @@ impl Skeleton {
         &self,
     ) -> Result<impl Fn(Vec3) -> f64 + Send + Sync + use<>, SkeletonError> {
         let mut parts: Vec<(f64, [Vec3; 3])> = Vec::new();
+        // A strut is a triangle without area.
         for ([a, b], r) in &self.struts {
             parts.push((*r, [*a, *b, *b]));
         }
@@ -239,6 +246,7 @@ impl Skeleton {
 }
 
 /// Checks the corners and the radius of part `number`.
+/// `part` and `number` are for the error: "edge" or "face", and its number from 0.
 fn check_part(
     part: &'static str,
     number: usize,

@@ -62,6 +62,7 @@ pub struct Voxels {
 impl Voxels {
     /// Voxels from an array of shape [N, N, N] or [N, N], its last axis fastest. Scalar values are negative
     /// in the solid; binary values are nonzero there.
+    /// N is the same along all axes, 4 to 645 in space. The first axis is x.
     ///
     /// # Errors
     /// [`VoxelError`].
@@ -98,6 +99,7 @@ impl Voxels {
     }
 
     /// Samples along each axis; 1 along z for a square.
+    /// The numbers along x and y are equal.
     pub fn counts(&self) -> [usize; 3] {
         self.counts
     }
@@ -114,6 +116,7 @@ impl Voxels {
 
     /// Signed values at the samples over a period, negative in the solid: scalar values themselves, or the
     /// distance in periods from binary samples to the surface between solid and void, which repeats.
+    /// In the order of [`Self::values`].
     pub fn signed_over_period(&self) -> Vec<f64> {
         self.signed(true)
     }
@@ -131,6 +134,7 @@ impl Voxels {
     }
 
     /// The interpolated function, and whether it is a distance.
+    /// Distances are in periods. Scalar samples count as a distance if their mean slope is within 15 % of 1.
     pub(super) fn function(
         &self,
         periodic: bool,
@@ -153,11 +157,13 @@ struct Grid {
 }
 
 impl Grid {
+    /// The sample with these indices.
     fn at(&self, [i, j, k]: [usize; 3]) -> f64 {
         self.values[(i * self.counts[1] + j) * self.counts[2] + k]
     }
 
     /// The trilinear interpolant at a point of the unit cube.
+    /// The point is from -1/2 to 1/2 along each axis; beyond, the grid repeats or keeps its last values.
     fn value(&self, p: Vec3) -> f64 {
         // Per axis: the two samples around the point, and the interpolation weight of the second.
         let around: [(usize, usize, f64); 3] = std::array::from_fn(|a| {
@@ -184,6 +190,7 @@ impl Grid {
     }
 
     /// Mean length of the gradient near the surface, from differences of neighbours.
+    /// Per period; 0 if no cell is crossed. A square has no slope along z.
     fn mean_slope(&self) -> f64 {
         let [nx, ny, nz] = self.counts;
         let scale = nx as f64;

@@ -1,4 +1,8 @@
 //! Spline coefficients from the spectrum of a series, and bounds of the interpolation error.
+//!
+//! A [`Spectrum`] has the waves of one series by their integer indices h on the box of its periods, the classes of axes
+//! that need equal grids, and the symmetries that fold the stored coefficients. From it and a [`Grid`] come the
+//! coefficients and rigorous bounds of the error, both without the rounding of single precision.
 
 use super::super::compatibility::embedded;
 use super::super::expression::Node;

@@ -56,6 +56,7 @@ pub(super) struct Samples<'a>(
 );
 
 /// The functions along each axis for a group of at most eight points.
+/// Positions are in periods; missing points are copies of the last.
 #[inline(always)]
 fn functions<L: Lanes>(l: L, products: &Products, points: &[CellPoint<3>]) -> [Along<L::F>; 3] {
     let wide = l.wide();

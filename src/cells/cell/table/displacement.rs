@@ -43,6 +43,7 @@ struct SamplePoint {
     slope: f64,
 }
 
+/// Points are the same for every table of the cell, so that tables compare.
 impl DisplacementProbe {
     /// Sample points for a cell; `table` is any table of the cell and serves to find surface points.
     pub fn new(cell: &Cell, table: &Table) -> Self {
@@ -95,6 +96,8 @@ impl DisplacementProbe {
 }
 
 /// The surface point that Newton steps along the gradient reach from `p`, if they converge.
+/// In reference coordinates; `mean` is the mean slope of the cell. The result may lie outside the element. `None` if
+/// the last value is still more than 1e-3 reference lengths times the mean slope from 0.
 fn foot(table: &Table, mut p: Vec3, mean: f64) -> Option<Vec3> {
     for _ in 0..NEWTON_STEPS {
         let (v, g) = table.value_and_gradient(CellPoint(p));

@@ -53,6 +53,7 @@ impl GradientBounds {
 
     /// A bound L over the points of the element whose values differ by at most L times `reach` from
     /// those on the surface.
+    /// `reach` is a length in reference units; the bound is a slope per reference length.
     pub fn near_surface(&self, reach: f64) -> f64 {
         let holds = |&&(level, slope): &&(f64, f64)| slope * reach <= level;
         let found = self.bounds.iter().find(holds);
@@ -60,6 +61,7 @@ impl GradientBounds {
     }
 
     /// Bounds for a function whose values differ by at most `value` and whose gradients by at most `slope`.
+    /// The distances shrink by `value`, since a point may be nearer to the surface than its value suggests.
     #[must_use]
     pub fn widened(&self, value: f64, slope: f64) -> Self {
         Self {
@@ -76,6 +78,7 @@ pub(super) struct SurfaceValues {
 
 impl SurfaceValues {
     /// Smallest distance of the values between `least` and `greatest` from the values of the surface.
+    /// 0 if the values on the surface are among them. The least magnitude of the range is compared for both signs.
     fn distance(self, least: f32, greatest: f32) -> f32 {
         let (low, high) = (least.max(-greatest).max(0.0), greatest.max(-least));
         (low - self.half).max(self.half - high).max(0.0)
@@ -117,6 +120,7 @@ pub(super) fn gradient_bounds_over(
     let [xs, ys, zs] = [cells(0), cells(1), cells(2)];
     // The full group maps the part of a tet or a hex with x >= |y|, |z| onto the rest.
     let use_sector = whole_group && matches!(element, Element::Tet | Element::Hex);
+    // Two cells beyond the planes |y| = x and |z| = x cover the cells that these cut.
     let in_sector = |i: i64, c: i64| !use_sector || (i >= -1 && c.abs() <= i + 2);
     let in_slab = |i: i64| {
         let (mut max_slope, mut found) = (
@@ -166,6 +170,7 @@ pub(super) fn gradient_bounds_over(
             distance: f64::from(levels[n]),
         };
         let boxes = candidates.map(|&c| SubBox::of_cell(coefficients, grid, c, near));
+        // Cells that were not subdivided have bounds up to this.
         refined_bound(boxes.collect(), near).max(f64::from(SUBDIVISION_RATIO * bound))
     };
     let bounds: Vec<_> = (0..DISTANCE_SHARES.len())
@@ -218,6 +223,7 @@ fn refined_bound(mut boxes: BinaryHeap<SubBox>, near: NearSurface) -> f64 {
 }
 
 /// Whether a box reaches the inner side of a face's plane.
+/// The plane may be missed by 1e-9 reference lengths. `lo` is the lowest corner.
 fn meets(face: &Face, lo: Vec3, size: Vec3) -> bool {
     let corner = lo + size.zip_map(&face.normal, |s, n| if n > 0.0 { 0.0 } else { s });
     face.normal.dot(&corner) <= face.offset + 1e-9
@@ -245,6 +251,7 @@ struct SubBox {
 }
 
 /// Applies `f` to the four coefficients of each line along an axis.
+/// `stride` is that of the axis in the array. `f` gets the coefficients in ascending order along the line.
 fn map_lines(
     coefficients: &Cubic,
     stride: usize,
@@ -344,6 +351,7 @@ impl SubBox {
     }
 
     /// Its eight octants.
+    /// Bit a of an octant's number is set in the upper half of axis a. Values and bounds shrink to the octant.
     fn octants(&self, near: NearSurface) -> impl Iterator<Item = Self> {
         (0..8).map(move |n| {
             let mut coefficients = self.coefficients.clone();

@@ -1,4 +1,7 @@
 //! Defines the grid of a periodic cubic B-spline and the symmetries of its coefficients.
+//!
+//! Sample i of N lies at i / N of the period along an axis. Spline cell i is the interval from sample i to the next,
+//! and the padded arrays hold the four coefficients i to i + 3 of each cell without wrapping.
 
 /// Degree of the spline along each axis: a point depends on one coefficient more.
 const SPLINE_DEGREE: usize = 3;

@@ -24,6 +24,7 @@ const STRIDES: [usize; 3] = [16, 4, 1];
 
 /// Ranges over the eight spline cells from `first` on along z, from the padded coefficients. Beyond the
 /// grid, the last coefficients are repeated.
+/// `first` is a spline cell (x, y, z). Slopes are per unit of reference length.
 pub(super) fn cell_ranges(
     coefficients: &[f32],
     grid: &Grid,
@@ -43,6 +44,7 @@ struct CellRanges<'a> {
 }
 
 /// Replaces the B-spline coefficients of eight cells by Bernstein coefficients along one axis.
+/// `stride` is that of the axis in the 64 coefficients, one array of eight lanes each.
 #[inline(always)]
 fn to_bernstein<L: Lanes>(lanes: L, c: &mut [L::F; COEFFICIENTS_PER_CELL], stride: usize) {
     let (sixth, third) = (lanes.splat(1.0 / 6.0), lanes.splat(1.0 / 3.0));
@@ -59,6 +61,7 @@ fn to_bernstein<L: Lanes>(lanes: L, c: &mut [L::F; COEFFICIENTS_PER_CELL], strid
 }
 
 /// Coefficient `n` of the derivative along an axis, raised to degree three.
+/// Per spline cell, not per unit of length.
 #[inline(always)]
 fn derivative<L: Lanes>(
     lanes: L,

@@ -45,6 +45,7 @@ pub(super) struct OmittedWaves {
 impl Table {
     /// The smallest table whose [`Table::error_bound`] is at most `tolerance`, in field units, without
     /// single-precision rounding.
+    /// `tolerance` should be positive.
     ///
     /// # Errors
     /// [`CellError::TableTooLarge`] if more than 256 samples per axis are needed.
@@ -87,6 +88,8 @@ impl Table {
     /// The smallest table whose measured displacement of the surface is at most `most` reference lengths;
     /// see [`Table::displacement`]. Waves above the resolution of such a table are omitted. With 0 the
     /// table is as accurate as single precision. Tables have at most 160 samples per axis.
+    /// A table whose waves are omitted is found by a few trials of the root mean square; the last trial may miss `most`
+    /// if the samples reach their limit. [`Table::displacement`] has what was reached.
     ///
     /// # Errors
     /// As [`Table::new`].
@@ -112,6 +115,7 @@ impl Table {
             let probe = probe.get_or_insert_with(|| DisplacementProbe::new(cell, &table));
             let found = probe.displacement(&table);
             table.displacement = Some(found);
+            // The same grids again mean that a smaller error is not attainable.
             if found <= most || last == grids {
                 return Ok(table);
             }
@@ -124,6 +128,7 @@ impl Table {
     }
 
     /// The smooth function that the table holds, if it is one series.
+    /// `None` for an expression, and for functions that are sampled.
     pub fn smooth(&self) -> Option<SmoothFunction> {
         let Function::Single(leaf) = &self.function else {
             return None;
@@ -182,8 +187,8 @@ impl Spectrum {
         }
     }
 
-    /// Mean square of the error on a grid if all waves of frequency |f| >= `limit` are omitted, including
-    /// those that are already omitted. 0 for a function without periods.
+    /// Mean square of the error on a grid if all waves of frequency |f| >= `most` are omitted, including
+    /// those that are already omitted. 0 for a function without periods. `most` is in cycles per reference length.
     pub(super) fn error_square(&self, grid: &Grid, most: f64) -> f64 {
         let tables: [Vec<(f64, f64)>; 3] = std::array::from_fn(|a| {
             let n = grid.samples[a] as f64;
@@ -204,7 +209,7 @@ impl Spectrum {
         square
     }
 
-    /// Omits the waves of frequency |f| >= `limit`.
+    /// Omits the waves of frequency |f| >= `most` and adds them to [`OmittedWaves`].
     fn omit(&mut self, most: f64) {
         let terms = std::mem::take(&mut self.terms);
         self.max_index = [0; 3];

@@ -71,6 +71,7 @@ pub(super) struct Spline {
 
 impl Spline {
     /// The spline with these padded coefficients of one period, which have the given symmetry.
+    /// `padded` has the layout of [`Grid::padded`], the last axis fastest.
     pub fn new(padded: &[f32], grid: Grid, symmetry: GridSymmetry) -> Self {
         let twofold = symmetry.twofold && symmetry.mirrored == [false; 3];
         // The stored part of each axis: all of it, the upper half, or of a centred lattice one half of that.
@@ -120,6 +121,7 @@ impl Spline {
         }
     }
 
+    /// The grid of the whole period, before folding.
     pub fn grid(&self) -> &Grid {
         &self.grid
     }
@@ -129,11 +131,13 @@ impl Spline {
         self.is_portable = true;
     }
 
+    /// The coefficients in bytes.
     pub fn bytes(&self) -> usize {
         size_of_val(self.table.as_slice())
     }
 
     /// Runs a computation on the lanes that are selected for the spline.
+    /// The lanes are baseline after [`Self::be_portable`], else those that are selected for the processor.
     pub fn run(&self, work: impl SimdKernel<Output = ()>) {
         if self.is_portable {
             work.run(PortableLanes);
@@ -160,6 +164,7 @@ impl Spline {
     }
 
     /// The value and its gradient at a point.
+    /// The gradient is per unit of reference length.
     pub fn value_and_gradient(&self, x: CellPoint<3>) -> (f32, [f32; 3]) {
         let mut out = [[0.0; 4]];
         self.samples(&[x], &mut out);

@@ -1,4 +1,7 @@
 //! One series of a table: its spline, its bounds and the rotations that complete its symmetry.
+//!
+//! Values, gradients and ranges are those of the interpolant, with the rounding of single precision in the bounds.
+//! [`SplineSeries::errors`] compares it with the series. Lengths are reference lengths.
 
 use super::build::Spectrum;
 use super::gradient_bound::{GradientBounds, SurfaceValues, gradient_bounds_over};
@@ -35,6 +38,7 @@ pub(super) struct SplineSeries {
     error: (f64, f64),
 }
 
+/// The grid is not checked here.
 impl SplineSeries {
     /// The spline of a series on `grid`, which must be fine enough for its waves, with bounds of the gradient over
     /// `element`. With `whole_group` the cell is independent of the numbering of the nodes. The surface is where the
@@ -77,10 +81,12 @@ impl SplineSeries {
     }
 
     /// Whether the value is that of the spline at a single point.
+    /// If not, [`SplineSeries::value`] averages or drops the derivative along z.
     pub fn is_single_spline(&self) -> bool {
         self.rotations.len() == 1 && !self.planar
     }
 
+    /// Coefficients and windows of bounds in bytes.
     pub fn bytes(&self) -> usize {
         self.spline.bytes() + self.ranges.bytes()
     }
@@ -96,6 +102,7 @@ impl SplineSeries {
     }
 
     /// Bounds of the error of a value, of the error of a gradient component, and of the gradient's length.
+    /// The first two are against the series. The factor 1e-6 covers the rounding of a slope.
     pub fn errors(&self) -> [f64; 3] {
         let whole_period = self.ranges.query([0; 3], self.spline.grid().samples);
         [
@@ -105,6 +112,7 @@ impl SplineSeries {
         ]
     }
 
+    /// The mean over the rotations. The level is included if the spectrum has it.
     pub fn value(&self, p: Vec3) -> f64 {
         if self.rotations.len() == 1 {
             return f64::from(self.spline.value(CellPoint(p)));
@@ -118,6 +126,7 @@ impl SplineSeries {
     }
 
     /// The value and the gradient.
+    /// The gradient is turned back from each rotated point. Along z it is 0 for a planar series.
     pub fn value_and_gradient(&self, p: Vec3) -> (f64, Vec3) {
         let (mut value, mut gradient) = (0.0, Vec3::zeros());
         for q in &self.rotations {
@@ -133,6 +142,7 @@ impl SplineSeries {
     }
 
     /// Interval of the values and bound of the gradient's length over a box.
+    /// The factor 1e-6 covers the rounding of a slope.
     pub fn range(&self, region: &CellBox<3>) -> (Interval, f64) {
         let (centre, half) = (
             (region.min + region.max) / 2.0,
@@ -165,6 +175,7 @@ impl SplineSeries {
     }
 
     /// First spline cell and number of spline cells per axis that a box meets, at most one period.
+    /// The counts are at least 1. An infinite or undefined box counts as the whole period.
     fn spline_cells(&self, region: &CellBox<3>) -> ([usize; 3], [usize; 3]) {
         let grid = self.spline.grid();
         let scale = grid.per_unit();

@@ -17,6 +17,7 @@ pub(super) const WINDOW_EDGE: f64 = 1.25;
 const KINK_DECAY: f64 = 0.268;
 
 /// Coefficients of the spline that interpolates the samples.
+/// The order is x, y, z, the last fastest. All axes have the same number of samples.
 pub(super) fn coefficients(products: &Products, grid: &Grid) -> Vec<Complex64> {
     let n = grid.samples[0];
     let half = n / 2 + 1;
@@ -46,6 +47,7 @@ pub(super) fn coefficients(products: &Products, grid: &Grid) -> Vec<Complex64> {
 }
 
 /// Bounds of the error of the value and of each gradient component inside the ball.
+/// The gradient's bound also holds for the kink at the faces of the box, damped by its distance.
 pub(super) fn error_bounds(products: &Products, grid: &Grid) -> (f64, f64) {
     let n = grid.samples[0] as f64;
     let (mut value, mut slope) = (0.0, 0.0);

@@ -1,4 +1,8 @@
 //! Range queries on a spline: overlapping windows of all sizes, each with the range of its spline cells.
+//!
+//! A query takes a box of spline cells and joins a few windows that cover it, at most [`MAX_LOOK_UPS`]. The result is
+//! an outer bound: windows may reach over the box, and ranges are rounded outwards to 16-bit steps. Bounds of gradients
+//! are lengths per unit of reference length.
 
 use super::grid::Grid;
 use super::hull::{CELLS_PER_BATCH, cell_ranges};
@@ -53,6 +57,7 @@ struct Units {
     slope: f32,
 }
 
+/// Numbers that are all 0 get the step 1.
 impl Units {
     /// Units for numbers up to these.
     fn new(largest: f32, max_slope: f32) -> Self {
@@ -69,6 +74,7 @@ impl Units {
         }
     }
 
+    /// Rounded outwards. The numbers are at most those of [`Units::new`].
     fn window(self, range: &Range) -> Window {
         let steps = |v: f32, unit: f32| (v / unit).ceil() as i16;
         Window([
@@ -79,6 +85,7 @@ impl Units {
         ])
     }
 
+    /// The range that the quantized numbers enclose.
     fn range(self, Window([least, greatest, max_slope, _]): Window) -> Range {
         Range {
             least: -f32::from(least) * self.value,
@@ -98,6 +105,7 @@ struct Level {
 }
 
 impl Level {
+    /// The window that starts at these numbers of strides.
     fn at(&self, i: usize, j: usize, k: usize) -> Window {
         self.windows[(i * self.count[1] + j) * self.count[2] + k]
     }
@@ -140,6 +148,7 @@ impl WindowRanges {
         self.largest
     }
 
+    /// Memory of the windows in bytes.
     pub fn bytes(&self) -> usize {
         self.levels
             .iter()
@@ -148,6 +157,7 @@ impl WindowRanges {
     }
 
     /// Range over `count` spline cells per axis from `from` on, with periodic wrap-around.
+    /// Values and slopes are outer bounds. Counts of at least the samples of an axis take the whole period.
     pub fn query(&self, from: [usize; 3], count: [usize; 3]) -> Range {
         // Widths and strides are powers of 2, so that shifts replace divisions. Per axis: the last window
         // that starts at or before the range, and the number of windows from there.
@@ -206,6 +216,7 @@ impl WindowRanges {
 }
 
 /// The adjacent windows of two spline cells, and their units.
+/// The base level has windows of two cells, each with the range of both.
 fn base(coefficients: &[f32], grid: &Grid, largest: f32) -> (Units, Level) {
     use rayon::prelude::*;
     // Windows of two cells per axis, side by side. A task has one plane of windows, hence two planes of
@@ -243,6 +254,7 @@ fn base(coefficients: &[f32], grid: &Grid, largest: f32) -> (Units, Level) {
 }
 
 /// Windows of twice the width. The stride of an axis doubles once windows overlap by three quarters.
+/// `None` once a window covers the longest axis.
 fn wider(last: &Level, samples: [usize; 3]) -> Option<Level> {
     let width = 2 * last.width;
     // A window as wide as the longest axis covers the whole period.

@@ -1,4 +1,8 @@
 //! The search for the level of a cell whose solid has a thickness.
+//!
+//! The thickness rises from the empty to the full solid and jumps where parts merge. Secants and bisections approach
+//! the target from a bracket of known levels. If they miss, levels over the whole range are measured, and the nearest
+//! attainable thicknesses on both sides are returned. Measured levels are kept for the next target.
 
 use super::super::Solid;
 use super::{CHORD_STEP, MAX_CHORD, ThicknessProbe};
@@ -34,6 +38,7 @@ pub struct NearestLevel {
 
 impl NearestLevel {
     /// Whether the thickness equals the target within the accuracy of the measurement.
+    /// The limit is 2 % of the target.
     pub fn meets(&self, target: f64) -> bool {
         (self.thickness - target).abs() <= TOLERANCE * target
     }
@@ -63,6 +68,7 @@ pub(super) struct LevelSearch<'a> {
     measured: Vec<MeasuredLevel>,
 }
 
+/// The cell's own level does not count: the search covers all.
 impl<'a> LevelSearch<'a> {
     pub(super) fn new(probe: ThicknessProbe<'a>) -> Self {
         let (least, greatest) = probe.samples.range();
@@ -80,6 +86,7 @@ impl<'a> LevelSearch<'a> {
     }
 
     /// The level whose thickness is nearest to a target.
+    /// `target` is positive, in reference lengths. What is measured is kept.
     pub(super) fn nearest(&mut self, target: f64) -> NearestLevel {
         let mut bracket = self.bracket(target);
         // Chords longer than this are cut off, so that the thickness is known only as a lower bound there.
@@ -112,6 +119,8 @@ impl<'a> LevelSearch<'a> {
 
     /// The level with the thickness nearest to a target that the search did not reach: the thickness jumps there, or
     /// the target is beyond all. `levels` are those at which the search ended.
+    /// Scans the range once, then measures near `levels`. Thicknesses below [`MIN_MEASURED`] and beyond [`MAX_CHORD`]
+    /// do not count.
     fn nearest_measured(&mut self, target: f64, levels: [f64; 2]) -> NearestLevel {
         if self.measured.is_empty() {
             let [start, end] = self.ends;
@@ -181,6 +190,7 @@ impl<'a> LevelSearch<'a> {
     }
 
     /// The nearest known levels on both sides of a target.
+    /// Without a known level on a side it is the end of the range.
     fn bracket(&self, target: f64) -> LevelBracket {
         let mut bracket = LevelBracket {
             levels: self.ends,
@@ -201,6 +211,7 @@ impl<'a> LevelSearch<'a> {
 }
 
 /// Deviation of a thickness from a target, with the limit of what is measured.
+/// The limit is 1.25 times the target: chords are not followed farther.
 fn deviation(thickness: f64, target: f64) -> f64 {
     thickness.min(MEASURED_EXCESS * target) - target
 }
@@ -214,6 +225,7 @@ struct LevelBracket {
     replaced: Option<usize>,
 }
 
+/// It keeps 2 % of the bracket from its ends.
 impl LevelBracket {
     /// The level at which the line through both ends meets the target, away from the ends.
     fn secant(&self) -> f64 {

@@ -49,6 +49,7 @@ impl Products {
     }
 
     /// All functions from the first sine and cosine.
+    /// The recurrence is that of the addition theorems, up to the greatest harmonic. The rest stays 1.
     #[inline(always)]
     fn functions_from_first<L: Lanes>(&self, l: L, s: L::F, c: L::F) -> Along<L::F> {
         let mut all = [l.splat(1.0); FUNCTIONS];
@@ -63,6 +64,7 @@ impl Products {
     }
 
     /// The functions at coordinates that are advanced by `by` radians, each less than 2.2.
+    /// `from` has the functions at the present coordinates; only the first sine and cosine are read.
     #[inline(always)]
     pub fn advanced<L: Lanes>(&self, l: L, from: &Along<L::F>, by: L::F) -> Along<L::F> {
         let (s, c) = sine_and_cosine(l, by);
@@ -133,6 +135,7 @@ impl Products {
 
     /// Bounds of the sum (not of the solid field) in eight boxes, from the functions at the box centres and
     /// the half edges in radians.
+    /// The result is (least, greatest) without rounding.
     #[inline(always)]
     pub fn sum_ranges<L: Lanes>(
         &self,
@@ -160,6 +163,7 @@ impl Products {
 
     /// The products summed along x and y for a column of leaves, from the functions at its eight coordinates
     /// along x and along y.
+    /// `to` holds the result; entries beyond the functions of this cell keep their old values.
     #[inline(always)]
     pub fn column<L: Lanes>(
         &self,
@@ -182,6 +186,7 @@ impl Products {
     }
 
     /// Values at 8^3 points, rows along z, from the column and the functions along z.
+    /// `out[8 i + j]` is the row at the i-th x and j-th y. Values are those of the solid field.
     #[inline(always)]
     pub fn values<L: Lanes>(
         &self,
@@ -202,6 +207,7 @@ impl Products {
     }
 
     /// The same for N functions along z: a row takes one multiplication per function.
+    /// N is at least the number of functions along z.
     #[inline(always)]
     fn values_of<L: Lanes, const N: usize>(
         &self,
@@ -340,6 +346,7 @@ impl Products {
     }
 
     /// The range of the solid field from that of the sum.
+    /// The result is (least, greatest).
     #[inline(always)]
     fn solid_between<L: Lanes>(&self, l: L, lo: L::F, hi: L::F) -> (L::F, L::F) {
         let outwards = match self.solid {
@@ -362,6 +369,7 @@ impl Products {
     /// Values at eight coordinates along axis `along`, with the coordinates of both other axes fixed by `at`
     /// (`at[along]` is ignored). `tables` holds the functions at 16 coordinates along each axis, in two
     /// halves.
+    /// `half` selects which of the two groups of eight along the axis; `at` is from 0 to 15.
     #[inline(always)]
     pub fn line<L: Lanes>(
         &self,

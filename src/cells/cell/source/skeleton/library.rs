@@ -1,4 +1,8 @@
 //! The library of strut graphs and plate sets, derived from the element's geometry where possible.
+//!
+//! All coordinates are reference coordinates, in which a hex is the unit cube about the origin and a tet has four of
+//! the cube's corners. Other elements have only the sets that follow from vertices, edges and faces.
+//! The lists of names and the functions that build them change together.
 
 use super::{Skeleton, SkeletonError};
 use druse_geometry::frame::{Element, Vec3};
@@ -150,6 +154,7 @@ impl Skeleton {
 }
 
 /// All pairs of points closer than `distance`.
+/// Each pair once; reference lengths.
 fn pairs_within(points: &[Vec3], distance: f64) -> Vec<[Vec3; 2]> {
     let pairs = (0..points.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
     pairs
@@ -159,6 +164,7 @@ fn pairs_within(points: &[Vec3], distance: f64) -> Vec<[Vec3; 2]> {
 }
 
 /// Corners of every face of a solid element, in cyclic order.
+/// Counterclockwise about the outward normal.
 fn face_corners(element: Element) -> Vec<Vec<Vec3>> {
     let vertices = element.vertices();
     let around = |f: &druse_geometry::frame::Face| {
@@ -178,11 +184,13 @@ fn face_corners(element: Element) -> Vec<Vec<Vec3>> {
 }
 
 /// Corner `i` of the unit cube; the bits of `i` are the signs.
+/// `i` is from 0 to 7.
 fn corner(i: usize) -> Vec3 {
     Vec3::from_fn(|a, _| if i >> a & 1 == 1 { 0.5 } else { -0.5 })
 }
 
 /// The segments from the centre of every face of the unit cube to the four corners of that face.
+/// Each diagonal of a face is two struts that meet at the centre.
 fn diagonals() -> Vec<[Vec3; 2]> {
     let mut all = Vec::new();
     for axis in 0..3 {
@@ -196,6 +204,7 @@ fn diagonals() -> Vec<[Vec3; 2]> {
 }
 
 /// The six planes through the centre of the unit cube and two opposite edges.
+/// Two planes for each pair of axes: v = u and v = -u.
 fn diagonal_planes() -> Vec<Vec<Vec3>> {
     let mut all = Vec::new();
     for (u, v) in [(0, 1), (1, 2), (2, 0)] {

@@ -35,6 +35,7 @@ pub(super) struct Positions<L: Lanes> {
 pub(super) type AxisExchanges<L> = [<L as Lanes>::F; 3];
 
 /// A group of at most eight points, padded with the last point.
+/// `points` is not empty.
 #[inline(always)]
 pub(in super::super) fn group(points: &[CellPoint<3>]) -> [[f64; 3]; GROUP_SIZE] {
     let mut all = [[0.0; 3]; GROUP_SIZE];
@@ -53,6 +54,7 @@ pub(in super::super) fn group(points: &[CellPoint<3>]) -> [[f64; 3]; GROUP_SIZE]
 
 impl Spline {
     /// Locates a group of points.
+    /// Coordinates are reference coordinates, anywhere in space; the position is that in the stored part.
     #[inline(always)]
     pub(super) fn locate<L: Lanes>(
         &self,
@@ -117,6 +119,7 @@ impl Spline {
     }
 
     /// Sorts the coordinates of exchangeable axes in descending order.
+    /// The result lets [`Self::unsort_axes`] undo it.
     #[inline(always)]
     fn sort_axes<L: Lanes>(&self, lanes: L, part: &mut [L::F; 3]) -> AxisExchanges<L> {
         let mut order = [lanes.splat(0.0); 3];
@@ -132,6 +135,7 @@ impl Spline {
     }
 
     /// Undoes the sorting for components along the sorted axes.
+    /// `along` is in the order of the sorted axes, and then in that of x, y and z.
     #[inline(always)]
     pub(super) fn unsort_axes<L: Lanes>(
         &self,

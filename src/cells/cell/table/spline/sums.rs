@@ -73,6 +73,7 @@ struct GradientStencils {
 
 impl Spline {
     /// The coefficients around point `n` of a group, by plane and half of a plane.
+    /// A half has the 4 z-neighbours of 2 y-neighbours.
     #[inline(always)]
     fn patches<L: Lanes>(&self, lanes: L, stencils: &Stencils, n: usize) -> [[L::F; 2]; 4] {
         // A single bounds check: all accesses below have constant offsets in the window.
@@ -92,6 +93,7 @@ impl Spline {
     }
 
     /// The coefficients of both halves at the start of a plane.
+    /// The array is at least that long, so that the zeros are no case that occurs.
     #[inline(always)]
     fn patch<L: Lanes>(&self, lanes: L, plane: &[f32]) -> [L::F; 2] {
         let patch = &plane[..self.half_stride + HALF_PLANE_LEN];
@@ -105,6 +107,7 @@ impl Spline {
     }
 
     /// Sums along x and y at point `n`: two partial sums for each neighbour along z, interleaved.
+    /// The two partial sums are those of even and odd y-neighbours.
     #[inline(always)]
     fn sum_xy<L: Lanes>(&self, lanes: L, stencils: &Stencils, n: usize) -> L::F {
         let patches = self.patches(lanes, stencils, n);
@@ -152,6 +155,7 @@ impl Spline {
     }
 
     /// Values at four points of a group, or only at the first of them.
+    /// `quartet` is 0 or 1; `is_single` leaves the other three results equal to the first.
     #[inline(always)]
     fn four_values<L: Lanes>(
         &self,
@@ -205,6 +209,7 @@ impl Spline {
         ]
     }
 
+    /// Values in one group at a time for up to eight points, and in batches for more; both give the same bits.
     #[inline(always)]
     pub(super) fn values_on<L: Lanes>(&self, lanes: L, points: &[CellPoint<3>], out: &mut [f32]) {
         if points.len() <= GROUP_SIZE {
@@ -215,6 +220,7 @@ impl Spline {
     }
 
     /// Values, N groups of points at a time.
+    /// `points` and `out` have the same length. Padding repeats the last point.
     #[inline(always)]
     fn values_batched<L: Lanes, const N: usize>(
         &self,
@@ -250,6 +256,7 @@ impl Spline {
         }
     }
 
+    /// As [`Self::values_on`], with gradients per unit of reference length.
     #[inline(always)]
     pub(super) fn samples_on<L: Lanes>(
         &self,
@@ -265,6 +272,7 @@ impl Spline {
     }
 
     /// Values and gradients, N groups of points at a time.
+    /// An entry of `out` is the value and three derivatives.
     #[inline(always)]
     fn samples_batched<L: Lanes, const N: usize>(
         &self,
@@ -325,6 +333,7 @@ fn add_partial_sums<L: Lanes>(lanes: L, [a, b, c, d]: [L::F; 4]) -> [L::F; 2] {
 }
 
 /// The sums along z at four points, from rows of two points.
+/// Row `n` holds the points 2 n and 2 n + 1 of the quartet.
 #[inline(always)]
 fn sum_z<L: Lanes>(lanes: L, rows: [L::F; 2], weights: &Weights, quartet: usize) -> [f32; 4] {
     let low = lanes.mul(rows[0], weights.z(lanes, 2 * quartet));

@@ -1,4 +1,7 @@
 //! Weights of the cubic B-spline and their derivatives, as polynomials of the position in the cell.
+//!
+//! The position t is from 0 to 1. Derivatives are per spline cell, and the caller scales them to lengths. The arrays
+//! are laid out as the sums read them, so that weights and coefficients need no shuffle.
 // Small functions of a hot path, inlined because a call costs as much as their work.
 #![allow(clippy::inline_always)]
 
@@ -31,6 +34,7 @@ const Y_PAIRS: [[usize; 2]; GROUP_SIZE] = [
 ];
 
 /// The four weights at the positions of a row, from their polynomial coefficients.
+/// `powers` are the polynomials, lowest power first.
 #[inline(always)]
 fn row_weights<L: Lanes, const N: usize>(lanes: L, t: L::F, powers: &[[f32; 4]; N]) -> [L::F; 4] {
     let mut all = [t; 4];
@@ -45,6 +49,7 @@ fn row_weights<L: Lanes, const N: usize>(lanes: L, t: L::F, powers: &[[f32; 4]; 
 }
 
 /// The same for two rows.
+/// Rows of y and z are joined in one wide register.
 #[inline(always)]
 fn two_row_weights<L: Lanes, const N: usize>(
     lanes: L,
@@ -78,6 +83,7 @@ pub(super) struct Weights {
 
 impl Weights {
     /// Sets the weights from their polynomial coefficients and the positions in the spline cell.
+    /// `within` are positions by axis, each from 0 to 1; `powers` is one of the two tables above.
     #[inline(always)]
     pub fn set<L: Lanes, const N: usize>(
         &mut self,
@@ -116,6 +122,7 @@ impl Weights {
     }
 
     /// The weights of the neighbours along y in both halves of a plane at point `n`.
+    /// Each result alternates between the two weights of a half, as the coefficients do.
     #[inline(always)]
     pub fn y<L: Lanes>(&self, lanes: L, n: usize) -> [L::F; 2] {
         let [row, offset] = Y_PAIRS[n];
@@ -127,6 +134,7 @@ impl Weights {
     }
 
     /// Row `n` of the weights along z.
+    /// The weights of two points: neighbours 0 and 1 of both, then 2 and 3.
     #[inline(always)]
     pub fn z<L: Lanes>(&self, lanes: L, n: usize) -> L::F {
         lanes.load(&self.z[n])
