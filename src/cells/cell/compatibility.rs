@@ -42,6 +42,7 @@ pub const fn rank(element: Element) -> usize {
 }
 
 /// The default group. It makes a cell independent of the numbering of an element's nodes.
+/// It is the full symmetry group of the element.
 pub fn default_group(element: Element) -> &'static str {
     groups(element)[0]
 }
@@ -119,6 +120,7 @@ pub fn symmetry<const D: usize>(
 /// # Errors
 /// [`CellError::Unfitting`] for an element that is no hex, or a group that does not map the cube onto itself;
 /// [`CellError::Symmetry`] for invalid operators.
+/// The operators of the result are on the first lattice of the element.
 pub fn space_group<const D: usize>(
     element: Element,
     group: Option<&str>,
@@ -147,6 +149,7 @@ pub fn space_group<const D: usize>(
     Ok(Some(space))
 }
 
+/// The error that names what was `found` and what is `expected`: a lattice, a group or a dimension.
 fn unfitting(element: Element, what: &'static str, found: String, expected: String) -> CellError {
     CellError::Unfitting {
         element: element.name(),
@@ -157,6 +160,7 @@ fn unfitting(element: Element, what: &'static str, found: String, expected: Stri
 }
 
 /// Checks that a group keeps the element.
+/// `operators` are the group's, in Cartesian reference coordinates; `name` is for the error.
 fn check_group(element: Element, name: &str, operators: &[Mat3]) -> Result<(), CellError> {
     // The ball requires the full group: its series are summed as even in x, y and z.
     let whole = element != Element::Ball || operators.len() == element.symmetry_order();
@@ -181,6 +185,7 @@ fn check_group(element: Element, name: &str, operators: &[Mat3]) -> Result<(), C
 
 /// The Cartesian operators of a group as maps of space. Planar operators leave z unchanged. Of operators
 /// with internal coordinates, the block that acts on space is used.
+/// They are in Cartesian reference coordinates, in the order of the group.
 pub(super) fn embedded<const D: usize>(group: &PointGroup<D>, lattice: &Lattice<D>) -> Vec<Mat3> {
     let in_space = |q: &SMatrix<f64, D, D>| {
         Mat3::from_fn(|i, j| match (i < D, j < D) {
@@ -192,12 +197,15 @@ pub(super) fn embedded<const D: usize>(group: &PointGroup<D>, lattice: &Lattice<
 }
 
 /// Whether the list holds the operator `q`, up to rounding.
+/// The limit is 1e-6 for the root of the sum of the squared differences of entries.
 fn contains(list: &[Mat3], q: &Mat3) -> bool {
     list.iter().any(|p| (p - q).norm_squared() < 1e-12)
 }
 
 /// Name and Cartesian operators of the group that all series of an element's function share. Each
 /// series must fit the element.
+/// An error for a series of another dimension, group or lattice, and for an expression without a series. A common
+/// subgroup without a name is called "common".
 pub(super) fn symmetry_of(
     element: Element,
     expression: &Expression,

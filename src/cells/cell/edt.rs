@@ -46,6 +46,7 @@ pub fn signed_distance(solid: &[bool], shape: &[usize], steps: &[f64], periodic:
 }
 
 /// Squared distance of every sample to the nearest one of a phase.
+/// In the squared unit of the steps; infinite without a sample of the phase. `phase` is true for solid.
 fn squared(
     solid: &[bool],
     phase: bool,
@@ -99,6 +100,8 @@ impl Envelope {
     }
 
     /// Replaces a line by the minimum over q of its value at q plus (p - q)^2.
+    /// Distances are in steps of the line, scaled by `unit`. Sample i of the line is at `first` + i `step` in `block`.
+    /// A line that is infinite everywhere stays so.
     fn line(&mut self, block: &mut [f64], first: usize, step: usize) {
         let n = self.n;
         self.line.clear();

@@ -6,8 +6,8 @@
 //! sum over the f with projection p of (f.n) exp(2 pi i f.x0) C = 0     (Chen, Kabaria, Lew, Eq. 11 and 12)
 //!
 //! with C the complex coefficient of f and x0 the foot of the origin on the face: homogeneous linear
-//! equations A a = 0 in the real orthonormal coefficients a. One face per orbit of the group suffices, and one p per orbit of the
-//! operators that fix the face, with p and -p equivalent. For a cube under Oh, a square under D4 and the
+//! equations A a = 0 in the real orthonormal coefficients a. One face per orbit of the group suffices, and one p per
+//! orbit of the operators that fix the face, with p and -p equivalent. For a cube under Oh, a square under D4 and the
 //! caps of a prism all rows vanish: they are face-normal by symmetry.
 //!
 //! A least-squares fit over the element imposes the equations by solving in the null space of A; projecting its

@@ -4,7 +4,8 @@
 //! distance to the geometry (negative inside). The fit minimises mean (Phi - g)^2 + lambda sum (1 + |f|^2) a^2, with
 //! lambda [`FitOptions::regularisation`]. The mean is that over the element's interior plus 0.3 times that over its
 //! faces plus 0.1 times that over its edges (0.03 and 0.01 for face-normal cells). Nothing outside the element is used:
-//! this is a Fourier extension, whose normal equations are ill-conditioned but whose regularised solution is accurate. On the lattice spanned by the tet's edges it is continuous across elements without reflection.
+//! this is a Fourier extension, whose normal equations are ill-conditioned but whose regularised solution is accurate.
+//! On the lattice spanned by the tet's edges it is continuous across elements without reflection.
 //!
 //! By symmetry only the fundamental simplex is sampled. Geometry without the element's symmetry is averaged
 //! over its images, which is the orthogonal projection; the report gives the kept energy and the residual.
@@ -59,6 +60,8 @@ const INITIAL_BAND_LIMIT: f64 = 4.0;
 const BAND_LIMIT_FACTOR: f64 = 1.5;
 
 /// Fits a cell of `element` to a signed distance (negative inside) in the element's reference frame.
+/// A tolerance in the options raises the band limit until the measured distance of the surfaces is within it, or the
+/// limit is reached, which gives a warning.
 ///
 /// The solid is below level 0. A fit takes seconds; `progress` can cancel it.
 ///
@@ -122,6 +125,7 @@ pub fn fit_samples(
 
 /// Fits a cell to samples over a whole period by least squares. Waves are orthogonal over the period, so
 /// the result is that of [`fit_samples`], except for the method in the report and an optional penalty.
+/// The layout of the samples is the same.
 ///
 /// # Errors
 /// As [`fit_samples`].
@@ -144,6 +148,7 @@ pub fn fit_samples_least_squares(
 }
 
 /// The fit of `n` samples per axis over a period, by the method of the options.
+/// Samples are as in [`fit_samples`]. Their band is fixed, so that a tolerance in the options does not count.
 fn fit_period(
     name: &str,
     element: Element,
@@ -196,6 +201,7 @@ fn fit_period(
 
 /// The largest band limit that `n` samples along every axis of the period can represent, for the lattice
 /// of the options.
+/// In cycles per unit of reference length.
 ///
 /// # Errors
 /// [`CellError::Unfitting`] for a lattice or group of another element.
@@ -212,6 +218,7 @@ pub fn band_of_samples(element: Element, options: &FitOptions, n: usize) -> Resu
 }
 
 /// The multilinear interpolant of periodic samples at u = j/N - 1/2.
+/// `u` are lattice coordinates, two or three, anywhere; the last axis of the samples is the fastest.
 pub(super) fn multilinear(samples: &[f64], n: usize, u: &[f64]) -> f64 {
     let mut sum = 0.0;
     for corner in 0..1u8 << u.len() {
@@ -232,6 +239,7 @@ pub(super) fn multilinear(samples: &[f64], n: usize, u: &[f64]) -> f64 {
 }
 
 /// [`fit`] with additional information about the source.
+/// Without a tolerance it is one fit. With one, each trial measures the distance of the surfaces.
 fn fit_with(
     name: &str,
     element: Element,

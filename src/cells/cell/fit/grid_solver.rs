@@ -23,6 +23,7 @@ use std::f64::consts::SQRT_2;
 
 impl Job<'_> {
     /// Least squares over a grid of the period: with a dense matrix if it is small enough, else iterative.
+    /// The target is evaluated at the grid points of the element only. The coefficients are in the order of the basis.
     pub(super) fn on_grid<const D: usize>(
         &self,
         basis: &Basis<D>,
@@ -88,6 +89,7 @@ impl Job<'_> {
 impl NormalEquations {
     /// The normal equations for samples on a grid of `n` points along each lattice vector, u = j/N. The
     /// quadratic form is that of the conjugate gradients.
+    /// Only the lower triangle of the matrix is filled. Cancelling is an error.
     pub(super) fn on_grid<const D: usize>(
         basis: &Basis<D>,
         n: usize,
@@ -149,6 +151,7 @@ impl NormalEquations {
 }
 
 /// The sums over the grid of values times each basis function, from the transform of the values.
+/// Values are on the grid u = j/N. The order is that of the basis: one number per self-paired orbit, else two.
 pub(super) fn inner_products<const D: usize>(basis: &Basis<D>, spectrum: &Spectrum<D>) -> Vec<f64> {
     let mut inner_products = Vec::with_capacity(basis.len());
     for h in basis.harmonics() {
@@ -170,6 +173,7 @@ struct WeightSpectrum<const D: usize> {
 }
 
 impl<const D: usize> WeightSpectrum<D> {
+    /// The value at any index, by the period of the transform.
     fn at(&self, k: Frequency<D>) -> Complex64 {
         let half = self.n / 2;
         self.spectrum.at(k.map(|c| {
@@ -179,6 +183,7 @@ impl<const D: usize> WeightSpectrum<D> {
     }
 
     /// Weighted sums of the products of the functions of `left` (rows) and `right` (columns).
+    /// Entries beyond the functions of an orbit are 0.
     ///
     /// Let x and y be the complex functions of the two orbits. The group leaves the weights w invariant, so
     /// sum w x conj y and sum w x y are sums of the transform of w over the members of the left orbit for one

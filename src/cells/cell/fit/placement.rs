@@ -1,4 +1,7 @@
 //! Placement of a source: the map from its own coordinates to the reference frame of its element.
+//!
+//! Every placement is an affine map. Uniform ones keep distances up to a factor; vertices may shear, after which values
+//! are no distances any more. A map may mirror: triangles are reversed then.
 
 use super::FitError;
 use druse_geometry::frame::{Aabb, Element, Mat3, Vec3};
@@ -50,6 +53,7 @@ impl Affine {
     }
 
     /// The inverse map; placements are never singular.
+    /// The map is checked when it is made, so that the identity in place of an inverse does not occur.
     pub fn inverse(&self) -> Self {
         let linear = self.linear.try_inverse().unwrap_or_else(Mat3::identity);
         Self {
@@ -64,6 +68,7 @@ impl Affine {
     }
 
     /// Whether all distances change by the same factor.
+    /// The limit 1e-9 is relative to the squared factor.
     pub fn is_similarity(&self) -> bool {
         let f2 = self.factor().powi(2);
         (self.linear.tr_mul(&self.linear) - Mat3::from_diagonal_element(f2)).norm() < 1e-9 * f2
@@ -82,6 +87,8 @@ impl Affine {
 
 impl Placement {
     /// The map for a source with these bounds.
+    /// `bounds` is the source's box, which only [`Placement::Fit`] uses. An error for a box without size, numbers that
+    /// are not finite, a scale that is not positive, and vertices that span no volume.
     pub(in crate::cell) fn affine(
         &self,
         element: Element,
@@ -131,6 +138,8 @@ impl Placement {
 }
 
 /// The affine map that takes the given vertices to those of the element.
+/// Three edges from the first vertex give the map. Their determinant must exceed 1e-9 of the cubed size, and the other
+/// vertices must lie within 1e-6 reference lengths. A planar element is an error.
 fn from_vertices(element: Element, vertices: &[Vec3]) -> Result<Affine, FitError> {
     let fail = |text: String| Err(FitError::Placement(text));
     let reference = element.vertices();

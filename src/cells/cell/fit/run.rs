@@ -1,4 +1,8 @@
 //! One fit with one band limit: samples, coefficients, report.
+//!
+//! [`Job`] holds the inputs. The rank of the element's lattice selects the dimension, the method selects least squares
+//! over the element or the transform of a period. Both give coefficients in the real orthonormal basis, from which
+//! the series, the cell and its measured report are made.
 
 use super::super::compatibility;
 use super::super::domain::Domain;
@@ -56,6 +60,7 @@ pub(super) struct Solution {
 
 impl Job<'_> {
     /// Fits, and measures if the options request it.
+    /// The name is that of the new cell.
     pub fn run(&self, name: &str) -> Result<Cell, FitError> {
         match compatibility::rank(self.element) {
             2 => self.run_in::<2>(name),
@@ -65,6 +70,7 @@ impl Job<'_> {
     }
 
     /// Fits in dimension `D` of the lattice: basis, constraint, samples, coefficients, then the accuracy of the cell.
+    /// A cell without solid or void is an error, and so is a source that has no symmetric part.
     fn run_in<const D: usize>(&self, name: &str) -> Result<Cell, FitError>
     where
         Expression: From<Series<D>>,
@@ -184,6 +190,8 @@ impl Job<'_> {
     }
 
     /// Values of the target at quadrature points.
+    /// `interior` is the number of the points, from the first, that lie inside the element. Sets whether the target is
+    /// symmetric: then one evaluation per point suffices.
     ///
     /// # Errors
     /// [`FitError::NoSymmetricPart`] if no part of the source is symmetric.
@@ -217,6 +225,7 @@ impl Job<'_> {
     }
 
     /// The quadrature points of the flags with their weights, and the target there.
+    /// Points, values in the same order, and the statistics of the interior ones.
     fn sampled<const D: usize>(
         &self,
         basis: &Basis<D>,
@@ -281,6 +290,7 @@ impl Job<'_> {
 
     /// The solution of normal equations, restricted to the largest coefficients if the options limit their
     /// number.
+    /// The solution is in the order of the basis; coefficients that are left out are 0.
     pub(super) fn solved<const D: usize>(
         &self,
         basis: &Basis<D>,

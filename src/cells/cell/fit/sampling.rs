@@ -1,4 +1,7 @@
 //! Samples of the source: quadrature points, target values and the symmetry of the source.
+//!
+//! The points are midpoints of equal parts of the flags of the fundamental domain: interior, faces and edges. The
+//! target at a point combines the values at its images under the group, unless the source is symmetric already.
 
 use super::super::domain::{Domain, Flag, SimplexGrid, all_flags};
 use super::accuracy::SourceInfo;
@@ -46,6 +49,7 @@ struct Moments {
 
 impl Images<'_> {
     /// The values of the source at the images of a point, and their combination.
+    /// `mean` and `spread` are statistics, `value` is what the fit takes.
     fn moments(&self, p: CellPoint<3>) -> Moments {
         let n = self.operators.len() as f64;
         let values: Vec<f64> = self
