@@ -21,6 +21,7 @@ pub struct Constraint {
 impl Constraint {
     /// The equations row . a = 0 in `unknowns` coefficients. Rows that are negligible beside the longest
     /// row are dropped.
+    /// Every row has `unknowns` entries. The limit is 1e-9 of the longest row, or 1e-9 if that is shorter than 1.
     pub fn new(rows: &[DVector<f64>], unknowns: usize) -> Self {
         let largest = rows.iter().map(DVector::norm).fold(0.0, f64::max);
         let rows: Vec<DVector<f64>> = rows
@@ -36,6 +37,7 @@ impl Constraint {
     }
 
     /// The union of these equations and those of another constraint on the same unknowns.
+    /// Both have the same number of unknowns.
     #[must_use]
     pub fn and(&self, other: &Self) -> Self {
         let all = self.rows.row_iter().chain(other.rows.row_iter());
@@ -44,6 +46,7 @@ impl Constraint {
     }
 
     /// The constraint on concatenated unknowns, one block of unknowns per part.
+    /// The order of the parts is that of their unknowns.
     pub fn block_diagonal(parts: &[Self]) -> Self {
         let unknowns = parts.iter().map(|p| p.rows.ncols()).sum();
         let mut start = 0;
@@ -66,6 +69,7 @@ impl Constraint {
     }
 
     /// The equations for the `kept` unknowns alone; the other unknowns are zero.
+    /// `kept` are numbers of unknowns; the new unknowns are in that order.
     #[must_use]
     pub fn restricted(&self, kept: &[usize]) -> Self {
         self.reduced(kept.len(), |row| {
@@ -74,6 +78,7 @@ impl Constraint {
     }
 
     /// The equations for all unknowns, where the unknowns that are not `kept` are zero.
+    /// `kept` has one entry per unknown.
     #[must_use]
     pub fn masked(&self, kept: &[bool]) -> Self {
         self.reduced(kept.len(), |row| {
@@ -81,6 +86,7 @@ impl Constraint {
         })
     }
 
+    /// The constraint of the mapped rows, each with `unknowns` entries.
     fn reduced(&self, unknowns: usize, reduce: impl Fn(&DVector<f64>) -> DVector<f64>) -> Self {
         let rows: Vec<DVector<f64>> = self
             .rows
@@ -91,11 +97,13 @@ impl Constraint {
     }
 
     /// Orthonormal columns that span the rows of A.
+    /// Columns have one entry per unknown; there is one per independent equation.
     pub(super) fn span(&self) -> &DMatrix<f64> {
         &self.span
     }
 
     /// Projects coefficients onto the null space: a - A^+ A a.
+    /// In place; A^+ is the pseudoinverse of A.
     pub fn project(&self, real: &mut [f64]) {
         let mut a = DVector::from_column_slice(real);
         // The second pass removes the rounding error of the first.
@@ -108,6 +116,8 @@ impl Constraint {
 }
 
 /// An orthonormal basis of the row space, by Gram-Schmidt with the largest remainder first.
+/// The result has one column per independent row and as many rows as `rows` has columns. Remainders below 1e-9 are
+/// rounding, as rows have unit length.
 fn row_space(rows: &DMatrix<f64>) -> DMatrix<f64> {
     let mut rest: Vec<DVector<f64>> = rows.row_iter().map(|r| r.transpose()).collect();
     let mut found: Vec<DVector<f64>> = Vec::new();

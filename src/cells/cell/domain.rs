@@ -48,6 +48,7 @@ fn spherical_point(flag: &[Vec3; 4], [a, b, c]: [f64; 3]) -> CellPoint<3> {
         let sine = (1.0 - cosine * cosine).max(0.0).sqrt();
         from * cosine + across.unwrap_or_default() * sine
     };
+    // Arvo's map: the area beside the side from the vertex to the edge's middle, then the height within it.
     let area = if b > 0.0 { c / b } else { 0.0 } * ANGLE;
     let (cosine, side) = (libm::cos(area), edge.dot(&vertex));
     let on_side = toward(edge, face, (cosine - side) / (1.0 - side * cosine));
@@ -64,6 +65,7 @@ pub(super) struct Domain {
 
 impl Domain {
     /// The domain of an element under a group of its symmetries.
+    /// Points of two flags that coincide within 1e-8 are the same. `operators` contain the identity.
     pub fn new(element: Element, operators: &[Mat3]) -> Self {
         let mut flags: Vec<([Vec3; 4], Vec3)> = all_flags(element)
             .into_iter()
@@ -106,6 +108,7 @@ impl Domain {
 
     /// The domain for volumes. For a planar element it is that of the prism of height 1 over the element,
     /// under the group extended by the reflection of z.
+    /// Shares add up to 1 here too.
     pub fn solid(element: Element, operators: &[Mat3]) -> Self {
         let prism = match element {
             Element::Tri => Element::Wedge,
@@ -120,6 +123,7 @@ impl Domain {
 }
 
 /// Area or volume of a flag.
+/// The last corner does not count in the plane. Reference lengths squared or cubed.
 fn measure(c: &[Vec3; 4], dimension: usize) -> f64 {
     let edges = [c[1] - c[0], c[2] - c[0], c[3] - c[0]];
     if dimension == 2 {
@@ -130,6 +134,7 @@ fn measure(c: &[Vec3; 4], dimension: usize) -> f64 {
 }
 
 /// Every flag of an element.
+/// Each as centroid, vertex, edge midpoint and face centre, two for each edge of each face.
 pub(super) fn all_flags(element: Element) -> Vec<[Vec3; 4]> {
     let vertices = element.vertices();
     let centre = element.centroid().0;
@@ -150,6 +155,7 @@ pub(super) fn all_flags(element: Element) -> Vec<[Vec3; 4]> {
 }
 
 /// The point with ordered coordinates (a, b, c) in a flag.
+/// 1 >= a >= b >= c >= 0 gives the points of the flag.
 pub(super) fn point(flag: &[Vec3; 4], [a, b, c]: [f64; 3]) -> CellPoint<3> {
     CellPoint(flag[0] + (flag[1] - flag[0]) * a + (flag[2] - flag[1]) * b + (flag[3] - flag[2]) * c)
 }
@@ -191,6 +197,7 @@ impl SimplexGrid {
     }
 
     /// The position of the point (i, j, k)/n in that order.
+    /// Points with smaller i, then smaller j, come first.
     pub fn index([i, j, k]: [usize; 3]) -> usize {
         i * (i + 1) * (i + 2) / 6 + j * (j + 1) / 2 + k
     }

@@ -1,4 +1,7 @@
 //! Errors of making and evaluating cells.
+//!
+//! Numbers are in the units of the parameter: lengths are reference lengths, levels are values of the function.
+//! `FitError` has the further errors of fits.
 
 use crate::symmetry::{GroupTextError, SymmetryError};
 

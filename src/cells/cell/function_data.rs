@@ -1,4 +1,7 @@
 //! What has been evaluated of a cell's function, so that it is evaluated once for all levels and clones.
+//!
+//! Only what does not depend on the level or the kind of solid is kept. Two threads may evaluate the same at once;
+//! either result is kept, since both are equal.
 
 use super::level_search::Samples;
 use super::table::Table;
@@ -18,6 +21,7 @@ pub(super) struct FunctionData {
 
 impl Cell {
     /// Samples on as many points as a grid of `single_flag_parts` parts per edge has on one flag.
+    /// The first call for a number computes and keeps them; clones share the values.
     pub(super) fn samples(&self, single_flag_parts: usize) -> Samples {
         let samples = &self.function_data.samples;
         let lock = || samples.lock().unwrap_or_else(PoisonError::into_inner);
@@ -30,6 +34,7 @@ impl Cell {
     }
 
     /// The table of the function itself: level 0, solid below.
+    /// The first call builds it.
     pub(super) fn function_table(&self) -> Result<&Table, CellError> {
         let table = &self.function_data.table;
         if let Some(known) = table.get() {

@@ -1,4 +1,8 @@
 //! The accuracy of a fit: differences, distances of the surfaces, components.
+//!
+//! Differences of cell and target are measured at points other than those of the fit. Distances of the surfaces are
+//! sampled: the true distance may be a little larger. All points represent their images under the group, and lengths
+//! are reference lengths.
 
 use super::super::domain::{Domain, Flag, SimplexGrid};
 use super::sampling::{QuadraturePoint, Target, quadrature_points};
@@ -49,6 +53,7 @@ const MAX_EVALUATIONS: f64 = 2e9;
 const MAX_FLAG_EDGE: f64 = 0.9;
 
 /// The affordable number of measured points of a cell: at most `target`, at least `least`.
+/// `target` and `least` are numbers of points; `least` counts even where it takes longer.
 fn point_count(cell: &Cell, target: usize, least: usize) -> usize {
     let most = MAX_EVALUATIONS / cell.expression().exponentials().max(1) as f64;
     target.min((most as usize).max(least))
@@ -56,6 +61,7 @@ fn point_count(cell: &Cell, target: usize, least: usize) -> usize {
 
 /// The affordable number of parts per edge of a flag, a simplex of the element's barycentric subdivision. A flag of n
 /// parts per edge has about n^3/6 points.
+/// `target` and `least` are numbers of parts.
 fn part_count(cell: &Cell, domain: &Domain, target: usize, least: usize) -> usize {
     let most = point_count(cell, usize::MAX, 1) as f64 / domain.flags.len() as f64;
     target.min((libm::cbrt(6.0 * most) as usize).max(least))
@@ -63,6 +69,7 @@ fn part_count(cell: &Cell, domain: &Domain, target: usize, least: usize) -> usiz
 
 /// Measures the accuracy of a cell, except for the quantities that the sampling gives. `domain` holds the flags that
 /// are sampled, `parts_per_edge` the divisions of each edge of a flag in the fit.
+/// Hausdorff distance and components are measured only if the options request it. The only error is that of cancelling.
 pub(super) fn measure(
     cell: &Cell,
     target: &Target,
@@ -139,6 +146,7 @@ pub(super) fn measure(
 const PERIOD_POINTS: usize = 6000;
 
 /// Largest sampled gradient inside the element and over the whole period.
+/// The second is at least the first. Both are lengths of the gradient per reference length.
 fn gradients(cell: &Cell, domain: &Domain) -> (f64, f64) {
     let largest = |points: Vec<CellPoint<3>>| {
         points
@@ -173,6 +181,7 @@ fn gradients(cell: &Cell, domain: &Domain) -> (f64, f64) {
 }
 
 /// Points where a function changes sign along the edges of the simplex grids of all flags.
+/// `parts` is the number of parts per edge of a flag. Points are in the order of the flags.
 fn crossings(
     domain: &Domain,
     parts: usize,
@@ -185,6 +194,7 @@ fn crossings(
 }
 
 /// Points of the surface in a flag: one on each edge of the grid of `parts` parts whose ends have different signs.
+/// Four steps of a safeguarded secant, then a linear step, find each point.
 fn flag_crossings(
     flag: &Flag,
     parts: usize,
@@ -233,6 +243,8 @@ fn flag_crossings(
 
 /// The distance of a point to the surface of a function, by Newton steps combined with steps along the
 /// surface towards the foot point. `None` if the steps do not converge.
+/// `function` gives value and gradient. Steps are at most 0.1 reference lengths, and the iteration ends below 1e-7. A
+/// value above 1e-6 of the slope (at least 1) does not count as converged, nor does a slope below 1e-6.
 fn distance_to_surface(function: &impl Fn(Vec3) -> (f64, Vec3), q: Vec3) -> Option<f64> {
     let mut x = q;
     let mut last = (0.0, Vec3::zeros());
@@ -261,6 +273,7 @@ fn distance_to_surface(function: &impl Fn(Vec3) -> (f64, Vec3), q: Vec3) -> Opti
 
 /// The distance of a point to a surface by Newton steps. A large result may belong to a farther sheet;
 /// then the distance to known points of the surface and their images also counts.
+/// A result below 0.02 reference lengths is accepted as it is. `known` points belong to the surface in the domain.
 fn distance_or_nearest(
     function: &impl Fn(Vec3) -> (f64, Vec3),
     q: Vec3,
@@ -282,6 +295,7 @@ fn distance_or_nearest(
 }
 
 /// Value and gradient of the target by central differences.
+/// The step is 1e-5 reference lengths.
 fn numerical_gradient(target: &Target, x: Vec3) -> (f64, Vec3) {
     const DIFFERENCE_STEP: f64 = 1e-5;
     let at = |x: Vec3| target.value(CellPoint(x));
@@ -293,6 +307,7 @@ fn numerical_gradient(target: &Target, x: Vec3) -> (f64, Vec3) {
 }
 
 /// Sampled one-sided distances; `None` if either function has no surface.
+/// In reference lengths. Where the source's values are distances, its own value is the distance of a cell's point.
 fn hausdorff(
     cell: &Cell,
     target: &Target,

@@ -25,6 +25,7 @@ struct FlagImage {
 }
 
 /// All flags of the element.
+/// Corners that are closer than 1e-8 coincide.
 fn flag_images(cell: &Cell, domain: &Domain) -> Vec<FlagImage> {
     let flags = all_flags(cell.element());
     let planar = cell.element().dimension() == 2;
@@ -56,6 +57,7 @@ fn flag_images(cell: &Cell, domain: &Domain) -> Vec<FlagImage> {
 }
 
 /// Number of components of the points where `inside` holds, given for each flag of the domain.
+/// `inside` has one entry per grid point, in the order of [`SimplexGrid::index`].
 fn count_components(inside: &[Vec<bool>], flag_images: &[FlagImage], planar: bool) -> usize {
     let grid = SimplexGrid::new(GRID_PARTS);
     // The components within each flag of the domain.
@@ -116,6 +118,7 @@ fn count_components(inside: &[Vec<bool>], flag_images: &[FlagImage], planar: boo
 }
 
 /// Counts the components of source and cell.
+/// A solid value is negative. Parts that touch only through another element count separately.
 pub(super) fn components(cell: &Cell, target: &Target, domain: &Domain) -> Components {
     // Phase of source and cell at every grid point of every flag of the domain; the group maps these flags
     // onto all others.

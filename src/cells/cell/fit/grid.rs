@@ -14,6 +14,7 @@ use std::f64::consts::TAU;
 const FACE_TOLERANCE: f64 = 1e-9;
 
 /// Weights, and weights times values, at all points of a grid of `n` points per axis.
+/// The last axis is the fastest. Points outside the element have weight 0.
 pub(super) fn weighted<const D: usize>(n: usize, samples: &[GridSample<D>]) -> [Vec<f64>; 2] {
     let mut weights = vec![0.0; n.pow(D as u32)];
     let mut values = vec![0.0; weights.len()];
@@ -43,6 +44,7 @@ pub(super) struct GridSample<const D: usize> {
 type Orbit<const D: usize> = (Vec<[i32; D]>, f64, usize);
 
 /// The smallest grid size from `least` on: a multiple of 12 with no prime factors but 2, 3 and 5.
+/// Such sizes are fast for the transform.
 pub(in crate::cell) fn grid_size(least: usize) -> usize {
     let mut n = least.next_multiple_of(12);
     loop {
@@ -60,6 +62,7 @@ pub(in crate::cell) fn grid_size(least: usize) -> usize {
 }
 
 /// Share of a small ball around a point that lies in the element, and the number of faces that contain it.
+/// `normals` are the faces' outward normals and offsets. Exact inside, on a face and on an edge.
 fn share(normals: &[(Vec3, f64)], p: Vec3) -> (f64, usize) {
     let on: Vec<Vec3> = normals
         .iter()
@@ -77,6 +80,7 @@ fn share(normals: &[(Vec3, f64)], p: Vec3) -> (f64, usize) {
 
 /// The points in the element of a grid of n^D samples per period, with value zero. `weights` are those of
 /// interior, faces and edges.
+/// There is one sample per orbit of the group; its weight counts for each image.
 pub(super) fn grid_samples<const D: usize>(
     element: Element,
     group: &PointGroup<D>,
@@ -176,6 +180,7 @@ pub(super) fn grid_samples<const D: usize>(
 }
 
 /// A planar vector in space.
+/// Its missing coordinates are 0.
 fn embed<const D: usize>(v: &SVector<f64, D>) -> Vec3 {
     Vec3::from_fn(|a, _| if a < D { v[a] } else { 0.0 })
 }

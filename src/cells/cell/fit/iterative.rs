@@ -37,11 +37,13 @@ struct NormalOperator<'a, const D: usize> {
 
 impl<const D: usize> NormalOperator<'_, D> {
     /// The inner products of grid values with all basis functions.
+    /// One number per unknown.
     fn inner_products_with_basis(&self, values: &[f64]) -> Vec<f64> {
         inner_products(self.basis, &self.transform.forward(values))
     }
 
     /// The values on the grid of the function with these coefficients.
+    /// One value per grid point, last axis fastest.
     fn grid_values(&self, real: &[f64]) -> Vec<f64> {
         let mut spectrum = Spectrum::zero(self.n);
         let mut rest = real;
@@ -68,6 +70,7 @@ impl<const D: usize> NormalOperator<'_, D> {
         }
     }
 
+    /// The product of the normal matrix with coefficients, projected onto the allowed ones.
     fn apply(&self, real: &[f64]) -> Vec<f64> {
         let mut values = self.grid_values(real);
         for (v, w) in values.iter_mut().zip(&self.weights) {
@@ -82,12 +85,14 @@ impl<const D: usize> NormalOperator<'_, D> {
     }
 }
 
+/// Both have the same length.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
 /// The minimum of [`super::least_squares`] for samples on a grid of `n`^D points, and the number of steps. If
 /// `kept` is not empty, the other unknowns stay zero, and the constraint must apply to the kept ones alone.
+/// Ends at a relative residual of 1e-8. [`FitError::NotConverged`] after 8000 steps, or when numbers are not finite.
 pub(super) fn conjugate_gradients<const D: usize>(
     basis: &Basis<D>,
     n: usize,

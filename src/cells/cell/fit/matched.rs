@@ -23,6 +23,7 @@ const MAX_UNKNOWNS: usize = 4000;
 /// Cells that agree on shared faces, each as close as possible to the given cell of its element. Their
 /// fields are in edge lengths; `options.band_limit` is in cycles per edge. `rms` in the report is the
 /// difference from the given cell.
+/// The result is in the order of the cells. Only the default group and lattice of each element are used.
 ///
 /// # Errors
 /// [`FitError::Cell`] for planar cells and for cells whose solids are on different sides of the level,
@@ -125,6 +126,7 @@ pub fn fit_matched(
     Ok(matched)
 }
 
+/// The error names the band limit that would have about 0.8 of the allowed unknowns; the number grows with its cube.
 fn too_large(band_limit: f64, unknowns: usize) -> FitError {
     FitError::TooLarge {
         band_limit,
@@ -141,6 +143,7 @@ fn field_units_per_edge(cell: &Cell) -> f64 {
 
 /// Samples of a cell's function in edge lengths, negative inside (of a sheet, its middle function), and the
 /// number of samples of the interior.
+/// The samples of the interior come first, those of faces and edges follow.
 fn targets(
     cell: &Cell,
     element: Element,

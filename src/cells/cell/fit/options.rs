@@ -1,4 +1,7 @@
 //! Options of a fit.
+//!
+//! All have defaults. A fit checks their ranges first; whether a group, lattice or method suits the
+//! element is checked when the fit uses it.
 
 use crate::cell::CellError;
 use druse_geometry::frame::Element;
@@ -84,7 +87,7 @@ pub struct FitOptions {
     pub regularisation: Option<f64>,
     /// Minimal number of samples along an edge of the element's cube. Many unknowns increase it.
     pub samples: usize,
-    /// Filter of the spectrum of a transform; least squares ignore it.
+    /// Filter of the spectrum of a transform. With least squares over the element, any but `None` is an error.
     pub filter: Filter,
     /// The solver of the least squares.
     pub solver: Solver,
@@ -132,6 +135,7 @@ const MAX_GRID_DENSE_UNKNOWNS: usize = 8000;
 
 impl FitOptions {
     /// Checks the range of every option.
+    /// `of_samples` means samples over a whole period, which alone allow an infinite band limit.
     pub(super) fn check(&self, of_samples: bool) -> Result<(), CellError> {
         let out_of_range = |what, found: f64, expected: &str| CellError::OutOfRange {
             what,
@@ -179,6 +183,7 @@ impl FitOptions {
     }
 
     /// The weight of the penalty.
+    /// The default where none is given.
     pub(super) fn lambda(&self) -> f64 {
         self.regularisation
             .unwrap_or(if self.face_normal { 3e-6 } else { 1e-5 })
@@ -186,6 +191,7 @@ impl FitOptions {
 
     /// Weights of the means over interior, faces and edges in the sum of squares. A right angle at the faces
     /// conflicts with the values there, so face-normal cells weigh the faces less.
+    /// In the order interior, faces, edges.
     pub(super) fn weights(&self) -> [f64; 3] {
         if self.face_normal {
             [1.0, 0.03, 0.01]
@@ -227,6 +233,7 @@ impl FitOptions {
     }
 
     /// Whether the least squares are solved over a grid of the period.
+    /// Never for the ball, which has no period.
     pub(super) fn on_grid(&self, element: Element, unknowns: usize) -> bool {
         match self.solver {
             _ if element == Element::Ball => false,

@@ -375,6 +375,7 @@ impl Job<'_> {
     /// The least squares of samples over the whole period, from their transform. The waves are orthogonal,
     /// so that a penalty acts on each separately. Without a regularisation in the options there is no
     /// penalty. Coefficients that are rounding errors become zero.
+    /// `real` is in the order of the basis and is changed in place.
     fn penalised<const D: usize>(&self, basis: &Basis<D>, real: &mut [f64]) {
         let lambda = match self.options.method {
             Method::Lsq => self.options.regularisation.unwrap_or(0.0),
@@ -390,6 +391,7 @@ impl Job<'_> {
     }
 
     /// The extended source on a grid of the period.
+    /// The samples are at u = j/n - 1/2, last axis fastest. A value that is not finite is an error.
     fn period<const D: usize>(
         &self,
         target: &Target,
@@ -434,6 +436,7 @@ impl Job<'_> {
 
 /// The `keep` largest coefficients of an orthonormal basis, where both members of a pair are kept or none;
 /// `None` if all are kept.
+/// Skips a pair that no longer fits, and may keep fewer than `keep`. `real` is in the order of the basis.
 pub(super) fn largest_coefficients<const D: usize>(
     basis: &Basis<D>,
     real: &[f64],
@@ -462,6 +465,7 @@ pub(super) fn largest_coefficients<const D: usize>(
 }
 
 /// The real coefficients of a series with these complex coefficients.
+/// Terms are those of the largest member of each orbit pair; a missing one is 0.
 fn real_coefficients<const D: usize>(
     basis: &Basis<D>,
     terms: Vec<(Frequency<D>, [f64; 2])>,
@@ -482,6 +486,7 @@ fn real_coefficients<const D: usize>(
 }
 
 /// Removes the terms that a truncation has set to zero.
+/// The constant stays even if it is 0.
 fn nonzero<const D: usize>(terms: Vec<(Frequency<D>, [f64; 2])>) -> Vec<(Frequency<D>, [f64; 2])> {
     let mut terms = terms;
     terms.retain(|(k, c)| *k == [0; D] || *c != [0.0; 2]);
@@ -489,6 +494,7 @@ fn nonzero<const D: usize>(terms: Vec<(Frequency<D>, [f64; 2])>) -> Vec<(Frequen
 }
 
 /// A planar point in space, or the part in space of a point with internal coordinates.
+/// Missing coordinates are 0.
 pub(super) fn in_space<const D: usize>(v: &SVector<f64, D>) -> Vec3 {
     Vec3::from_fn(|a, _| if a < D { v[a] } else { 0.0 })
 }

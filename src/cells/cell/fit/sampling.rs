@@ -126,6 +126,7 @@ pub(super) fn midpoints(dimension: usize, n: usize) -> Vec<[f64; 3]> {
 
 /// Ordered coordinates of the midpoints of equal parts of a flag's share of the interior (0), the face (1) or
 /// the edge (2) of an element; `None` for the edge of a planar element.
+/// `n` is the number of parts per edge.
 pub(super) fn stratum(dimension: usize, which: usize, n: usize) -> Option<Vec<[f64; 3]>> {
     match (dimension, which) {
         (3, _) => Some(midpoints(3 - which, n)),
@@ -143,6 +144,7 @@ pub(super) fn stratum(dimension: usize, which: usize, n: usize) -> Option<Vec<[f
 
 /// Size of a flag's share of a face or edge, up to a factor; for the interior, the flag's share of the
 /// volume.
+/// `which` is 0 for the interior, 1 for a face, 2 for an edge.
 fn extent(flag: &Flag, dimension: usize, which: usize) -> f64 {
     let [_, vertex, edge, face] = flag.corners;
     match (dimension, which) {
@@ -153,6 +155,7 @@ fn extent(flag: &Flag, dimension: usize, which: usize) -> f64 {
 }
 
 /// Parts per edge of a flag, enough for the unknowns and for the requested density.
+/// `per_edge` is the density along an edge of the element's cube. At least 6.
 pub(super) fn parts_per_edge(
     element: Element,
     domain: &Domain,
@@ -179,6 +182,8 @@ pub(super) type QuadraturePoint = (CellPoint<3>, f64);
 
 /// Midpoints of the parts of all flags, those of the interior first, and the number of the latter. `weights`
 /// are those of interior, faces and edges.
+/// The weights of each stratum add up to the given one. Faces have twice, and edges four times the parts of the
+/// interior.
 pub(super) fn quadrature_points(
     element: Element,
     domain: &Domain,
@@ -211,6 +216,7 @@ pub(super) fn quadrature_points(
 
 /// The target at quadrature points, where the first `interior` belong to the interior, and the symmetry of
 /// the source.
+/// A value that is not finite, and a target of one sign, are errors. The values are in the order of the points.
 pub(super) fn sample(
     element: Element,
     target: &Target,

@@ -1,4 +1,8 @@
 //! Dense least squares in the real symmetric basis: normal equations by panels, then Cholesky.
+//!
+//! A self-paired orbit of frequencies has one real coefficient, any other has two (real and imaginary part), in the
+//! order of the basis. The basis functions are orthonormal over the period. The penalty of each is regularisation (1 +
+//! |f|^2), so that the matrix is positive definite; a singular one means too small a regularisation.
 
 use super::super::Constraint;
 use super::super::trig_sum::Phasors;
@@ -62,6 +66,7 @@ impl<const D: usize> DesignMatrix<D> {
     }
 
     /// The values of all basis functions at a point with lattice coordinates `u`.
+    /// `row` has one entry per unknown and is overwritten.
     fn row(&self, u: [f64; D], row: &mut [f64]) {
         let tables: [Phasors; D] = std::array::from_fn(|a| Phasors::new(u[a], self.bounds[a]));
         row.fill(0.0);
@@ -97,6 +102,7 @@ pub(super) struct NormalEquations {
 
 impl NormalEquations {
     /// From the lower triangle of a matrix and a right-hand side.
+    /// `regularisation` is only for the error of a singular matrix: the penalty is in the matrix already.
     pub(super) fn from_parts(
         matrix: DMatrix<f64>,
         right: DVector<f64>,
@@ -111,6 +117,7 @@ impl NormalEquations {
 
     /// Assembles the equations. The result does not depend on the number of threads: panels are added in
     /// order, and each block of the matrix by one task.
+    /// The penalty is added too. The only error is that of cancelling.
     pub fn assemble<const D: usize>(
         basis: &Basis<D>,
         samples: &[Sample<D>],
@@ -179,6 +186,7 @@ impl NormalEquations {
     }
 
     /// The block-diagonal equations of several fits with concatenated unknowns.
+    /// The smallest regularisation counts for errors.
     pub fn joined(parts: Vec<Self>) -> Self {
         let n = parts.iter().map(|p| p.right.len()).sum();
         let mut joined = Self {
@@ -201,6 +209,7 @@ impl NormalEquations {
     }
 
     /// The equations for some unknowns in ascending order; the other unknowns are zero.
+    /// Numbers of unknowns, ascending.
     pub fn restricted(&self, kept: &[usize]) -> Self {
         let m = kept.len();
         Self {
@@ -213,6 +222,8 @@ impl NormalEquations {
     }
 
     /// The least-squares solution, within the null space of the constraint if there is one.
+    /// In the order of the unknowns. A matrix that is not positive definite, or a result that is not finite, is
+    /// [`FitError::Singular`].
     pub fn solve(&self, constraint: Option<&Constraint>) -> Result<Vec<f64>, FitError> {
         let n = self.right.len();
         let largest = self.matrix.diagonal().max();
@@ -249,6 +260,7 @@ impl NormalEquations {
 /// The Cholesky factor of the lower triangle of a matrix, by blocks of columns: the factor of the diagonal
 /// block, the rows below it, and the update of the following columns. The update is nearly all of the work;
 /// it consists of matrix products on all threads.
+/// `None` if it is not positive definite.
 fn cholesky(mut matrix: DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
     let n = matrix.nrows();
     for from in (0..n).step_by(COLUMNS_PER_BLOCK) {
@@ -289,6 +301,8 @@ fn cholesky(mut matrix: DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
 
 /// Restricts a quadratic form H, b to the complement of V's columns: P H P + s V V^T and P b with
 /// P = I - V V^T, whose minimum satisfies V^T a = 0.
+/// Both triangles of `matrix` are filled and replaced. `size` is s, about the largest diagonal entry, so that the
+/// added part is neither small nor large beside the rest.
 fn restrict(matrix: &mut DMatrix<f64>, right: &mut DVector<f64>, span: &DMatrix<f64>, size: f64) {
     let share = span.tr_mul(right);
     right.gemv(-1.0, span, &share, 1.0);
@@ -306,6 +320,7 @@ fn restrict(matrix: &mut DMatrix<f64>, right: &mut DVector<f64>, span: &DMatrix<
 
 /// The real orthonormal coefficients a that minimise sum weight (Phi - value)^2 + regularisation sum (1 +
 /// |f|^2) a^2, subject to the constraint, if there is one.
+/// The coefficients are in the order of the basis.
 ///
 /// The result does not depend on the number of threads.
 ///

@@ -49,6 +49,7 @@ impl<const D: usize> Spectrum<D> {
     }
 
     /// Position of an index whose last component is not negative.
+    /// The last component is the slowest. Negative leading components count from the end.
     fn position(&self, k: Frequency<D>) -> usize {
         (0..D).rev().fold(0, |position, a| {
             let i = if k[a] < 0 { k[a] + self.n as i32 } else { k[a] };
@@ -57,6 +58,7 @@ impl<const D: usize> Spectrum<D> {
     }
 
     /// The discrete transform G at an index.
+    /// Components are at most N/2 in magnitude.
     pub fn at(&self, k: Frequency<D>) -> Complex64 {
         if k[D - 1] < 0 {
             self.values[self.position(k.map(|c| -c))].conj()
@@ -89,6 +91,7 @@ impl<const D: usize> Spectrum<D> {
     }
 
     /// Sets G at k, and its conjugate at -k.
+    /// Both where the last component is 0. Components are at most N/2 in magnitude.
     pub fn set(&mut self, k: Frequency<D>, value: Complex64) {
         if k[D - 1] >= 0 {
             let position = self.position(k);
@@ -102,6 +105,7 @@ impl<const D: usize> Spectrum<D> {
 }
 
 /// The transpose of a matrix stored by rows.
+/// `rows` is the number of rows of `from`.
 fn transpose(from: &[Complex64], rows: usize) -> Vec<Complex64> {
     let columns = from.len() / rows;
     let mut to = vec![Complex64::default(); from.len()];
@@ -121,6 +125,7 @@ fn transpose(from: &[Complex64], rows: usize) -> Vec<Complex64> {
 }
 
 /// Transforms consecutive lines in place.
+/// Each line has the length of the plan.
 fn lines(values: &mut [Complex64], fft: &dyn Fft<f64>) {
     values
         .par_chunks_mut(COLUMNS_PER_TASK * fft.len())
@@ -145,11 +150,13 @@ impl<const D: usize> Transform<D> {
     }
 
     /// Rows of a plane perpendicular to the first axis.
+    /// 1 in the plane, n in space.
     fn rows(&self) -> usize {
         self.n.pow(D as u32 - 2)
     }
 
     /// G = sum over j of the samples times exp(-2 pi i k.j/N).
+    /// There are N^D samples, last axis fastest.
     pub fn forward(&self, samples: &[f64]) -> Spectrum<D> {
         let (n, half, rows) = (self.n, self.n / 2 + 1, self.rows());
         let mut planes = vec![Complex64::default(); n * rows * half];
@@ -178,6 +185,7 @@ impl<const D: usize> Transform<D> {
     }
 
     /// The samples sum over k of G exp(2 pi i k.j/N), the inverse of [`Transform::forward`] times N^D.
+    /// The samples have the order of [`Transform::forward`].
     pub fn inverse(&self, mut spectrum: Spectrum<D>) -> Vec<f64> {
         let (n, half, rows) = (self.n, self.n / 2 + 1, self.rows());
         lines(&mut spectrum.values, self.inverse.as_ref());
