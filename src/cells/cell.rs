@@ -188,6 +188,7 @@ impl Cell {
     }
 
     /// Name of the group of all operators that are known to leave the function unchanged.
+    /// A common subgroup without a name is called "common".
     pub fn group(&self) -> &str {
         &self.group
     }
@@ -214,6 +215,7 @@ impl Cell {
     }
 
     /// Whether the fit constrained the surface to meet the element's faces at a right angle.
+    /// It is a note of the fit: later changes of the function do not clear it.
     pub fn face_normal(&self) -> bool {
         self.face_normal
     }
@@ -223,6 +225,7 @@ impl Cell {
         self.report.as_deref()
     }
 
+    /// The cell with the report of its fit or design in place of its own.
     #[doc(hidden)]
     #[must_use]
     pub fn with_report(mut self, report: FitReport) -> Self {
@@ -231,12 +234,14 @@ impl Cell {
     }
 
     /// Adds a warning to the report.
+    /// A cell without a report gets one with the warning alone.
     fn warn(&mut self, message: String) {
         let mut report = self.report().cloned().unwrap_or_default();
         report.warnings.push(message);
         self.report = Some(Arc::new(report));
     }
 
+    /// Sets the note that [`Self::face_normal`] returns; the function stays.
     fn with_face_normal(mut self, face_normal: bool) -> Self {
         self.face_normal = face_normal;
         self
@@ -250,6 +255,8 @@ impl Cell {
     }
 
     /// The same function with another solid.
+    /// The level is in field units, positive for a sheet or channels and below 1e18 in magnitude. The known root mean
+    /// square of the gradient is dropped, as it depends on the surface.
     ///
     /// # Errors
     /// [`CellError::OutOfRange`] for a level that is not finite, or not positive for a sheet or channels.
@@ -280,6 +287,7 @@ impl Cell {
     }
 
     /// The sheet around the cell's surface: |Phi - level| < `half`, in field units.
+    /// The level of a sheet or channels is replaced: their function is taken as it is.
     ///
     /// # Errors
     /// [`CellError::OutOfRange`] unless `half` is positive and finite.

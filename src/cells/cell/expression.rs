@@ -52,7 +52,8 @@ pub(super) enum Leaf<'a> {
     Icosahedral(&'a Icosahedral),
 }
 
-/// Largest number of nodes of an expression, plus one.
+/// Limit of the number of nodes of all parts of a combination, which must be below it. The node of the combination is
+/// not counted, and neither are magnitudes, shifts and negations checked.
 const MAX_NODES: usize = 256;
 
 impl From<Series<3>> for Expression {
@@ -105,6 +106,7 @@ impl Expression {
     }
 
     /// The weighted sum of functions; series over one group and lattice merge into one.
+    /// One part that is a series, or has weight 1, needs no new node.
     ///
     /// # Errors
     /// [`CellError::Expression`] for no parts, too many, or a weight that is not finite.
@@ -134,6 +136,7 @@ impl Expression {
     }
 
     /// The function times a number, if that needs no new node.
+    /// `None` for other combinations, unless the factor is 1.
     fn scaled(&self, factor: f64) -> Option<Self> {
         match self.node() {
             Node::Series(s) => Some(s.scaled(factor).into()),
@@ -156,6 +159,7 @@ impl Expression {
     }
 
     /// The minimum of functions, which is the union of their solids; rounded if the radius is positive.
+    /// The radius is in field units. That of one function is the function.
     ///
     /// # Errors
     /// [`CellError::Expression`] for no parts or too many, or a radius that is negative or not
@@ -221,6 +225,7 @@ impl Expression {
     }
 
     /// The operands of the root node.
+    /// In their order; none for a series.
     fn parts(&self) -> Vec<&Self> {
         match self.node() {
             Node::Series(_) | Node::Planar(_) | Node::Icosahedral(_) => Vec::new(),
@@ -236,6 +241,7 @@ impl Expression {
     }
 
     /// The series of the expression, from left to right.
+    /// The order is that in which evaluations call back.
     pub(super) fn leaves(&self) -> Vec<Leaf<'_>> {
         match self.node() {
             Node::Series(s) => vec![Leaf::Series(s)],
@@ -296,6 +302,7 @@ impl Expression {
     }
 }
 
+/// An error for no parts, and for 256 nodes or more in all parts together.
 fn check_parts<'a>(parts: impl Iterator<Item = &'a Expression>) -> Result<(), CellError> {
     let nodes: usize = parts.map(Expression::nodes).sum();
     if nodes == 0 {
@@ -312,6 +319,7 @@ fn check_parts<'a>(parts: impl Iterator<Item = &'a Expression>) -> Result<(), Ce
 }
 
 impl Leaf<'_> {
+    /// Dimension of the lattice: 6 for the icosahedral module.
     pub fn dimension(&self) -> usize {
         match self {
             Self::Series(_) => 3,
@@ -320,6 +328,7 @@ impl Leaf<'_> {
         }
     }
 
+    /// The name of its own group, which may be larger than that of the cell.
     pub fn group_name(&self) -> &str {
         match self {
             Self::Series(s) => s.group().name(),
@@ -328,6 +337,7 @@ impl Leaf<'_> {
         }
     }
 
+    /// In space, as Cartesian matrices.
     pub fn operators(&self) -> Vec<Mat3> {
         match self {
             Self::Series(s) => embedded(s.group(), s.lattice()),
@@ -336,6 +346,7 @@ impl Leaf<'_> {
         }
     }
 
+    /// `None` for a lattice without a name, which no element has.
     pub fn lattice_name(&self) -> Option<&'static str> {
         match self {
             Self::Series(s) => s.lattice().name(),
@@ -344,6 +355,7 @@ impl Leaf<'_> {
         }
     }
 
+    /// The name of the lattice, or its vectors if it has none; for errors.
     pub fn lattice_text(&self) -> String {
         self.lattice_name().map_or_else(
             || match self {

@@ -1,5 +1,8 @@
 //! The `.cell` file: a cell as readable JSON text whose numbers round-trip exactly.
 //!
+//! [`Cell::from_json`] and [`Cell::to_json`] describe the format. Unknown keys are errors, since a misspelt one would
+//! be lost. Errors have a line where it is known: that of the parser, or of the key at fault.
+//!
 //! [`Cell::from_json`] and [`Cell::to_json`] describe the format.
 
 use super::{Cell, Expression, FitReport, Node, Series, Solid};
@@ -27,6 +30,7 @@ pub struct CellTextError {
 }
 
 /// Reads a word of a list. A failure is a parse error, so that it has a line.
+/// `what` names the kind of word and `known` lists the words for the error; `find` gives the value of a word.
 fn word<'de, D: Deserializer<'de>, T>(
     d: D,
     what: &str,
@@ -54,6 +58,7 @@ fn version<'de, D: Deserializer<'de>>(d: D) -> Result<(), D::Error> {
     )))
 }
 
+/// The planar and solid elements and the ball.
 fn element<'de, D: Deserializer<'de>>(d: D) -> Result<Element, D::Error> {
     let all = Element::SCAFFOLD_ELEMENTS
         .into_iter()
@@ -121,6 +126,7 @@ fn below() -> Solid {
 }
 
 /// The function of a document, which gives either a series or an expression.
+/// Takes the keys out of the document. The error text names a missing key, or one beside `expression`.
 fn expression(document: &mut Document) -> Result<ExpressionEntry, String> {
     let own = document.expression.take();
     let group = document.group.take();
@@ -152,6 +158,7 @@ fn expression(document: &mut Document) -> Result<ExpressionEntry, String> {
 }
 
 /// Writes group, lattice and coefficients of a series.
+/// Indented by two spaces, without a comma at the end. Numbers are written so that reading gives the same bits.
 fn write_series<const D: usize>(text: &mut String, series: &Series<D>) {
     let (group, lattice) = (series.group(), series.lattice());
     let _ = write!(text, "  \"group\": {},", quoted(group.name()));
@@ -173,6 +180,7 @@ fn write_series<const D: usize>(text: &mut String, series: &Series<D>) {
 }
 
 /// Writes an expression, one node per line.
+/// The keys are those of [`Cell::from_json`]. A nested list breaks the line before each part.
 fn write_function(text: &mut String, function: &Expression) {
     // Text after the head of a node: its parts, one per line, with commas between them.
     let list = |text: &mut String, parts: &[Expression]| {
@@ -231,6 +239,7 @@ fn write_function(text: &mut String, function: &Expression) {
     }
 }
 
+/// The text as a JSON string, with quotes and escapes.
 fn quoted(s: &str) -> String {
     serde_json::Value::from(s).to_string()
 }
@@ -306,6 +315,7 @@ impl Cell {
     }
 
     /// The text of a `.cell` file. [`Cell::from_json`] restores the cell bit for bit.
+    /// Computes the mean slope on the surface, if it is not known, to write it.
     pub fn to_json(&self) -> String {
         let mut text = String::new();
         // Writing to a string cannot fail.

@@ -19,6 +19,7 @@ pub enum Join {
 
 impl Cell {
     /// The function whose values below 0 are the cell's solid.
+    /// It has the level and the side in it, and the unit of the cell's field.
     pub fn solid_expression(&self) -> Expression {
         match self.solid {
             Solid::Below => self.expression.shifted(self.level),
@@ -46,6 +47,7 @@ impl Cell {
     }
 
     /// The element that all cells share.
+    /// An error for no cells, and for two elements, which names the first pair.
     fn check_one_element(cells: &[&Self]) -> Result<super::Element, CellError> {
         let Some(first) = cells.first() else {
             return Err(CellError::Expression(
@@ -66,6 +68,7 @@ impl Cell {
 
     /// The weighted average of cells of one element, each divided by its gamma. It interpolates between
     /// them. Band limits and lattices may differ.
+    /// The result is a new cell with level 0 and the solid below it. Weights are divided by their sum.
     ///
     /// # Errors
     /// [`CellError::Expression`] for no cells, several elements, a cell without slope, or weights
@@ -91,6 +94,7 @@ impl Cell {
     /// The union, intersection or difference of the solids of cells of one element, each divided by its
     /// gamma. Edges where two surfaces meet are rounded with `radius`, approximately a length in reference
     /// units; 0 keeps them sharp.
+    /// The result is a new cell with level 0 and the solid below it.
     ///
     /// # Errors
     /// [`CellError::Expression`] as of [`Cell::average`], for a difference of fewer than two cells,

@@ -8,6 +8,8 @@ use druse_geometry::field::{Field, Interval};
 use druse_geometry::frame::{CellBox, CellPoint, Vec3};
 
 /// The rounded minimum of two values and its derivatives with respect to them.
+/// A radius of 0 gives the sharp minimum. Where both are equal, the slope is that of the first, or the mean of both in
+/// the rounded zone. The derivatives add up to 1.
 fn rounded_minimum(a: f64, b: f64, radius: f64) -> (f64, [f64; 2]) {
     let share = if radius > 0.0 {
         (radius - (a - b).abs()).max(0.0) / radius
@@ -27,12 +29,14 @@ fn rounded_minimum(a: f64, b: f64, radius: f64) -> (f64, [f64; 2]) {
 /// A value and its gradient.
 type ValueAndGradient = (f64, Vec3);
 
+/// Both with the opposite sign.
 fn negative((v, g): ValueAndGradient) -> ValueAndGradient {
     (-v, -g)
 }
 
 impl Expression {
     /// The value, where `leaf` gives the values of the leaves.
+    /// Without parts, which construction excludes, a minimum would be infinite.
     pub(in crate::cell) fn value_with(&self, leaf: &mut dyn FnMut(&Node) -> f64) -> f64 {
         let mut least = |parts: &[Self], radius: f64, sign: f64| {
             parts
@@ -53,6 +57,7 @@ impl Expression {
     }
 
     /// Value and gradient, where `leaf` gives those of the leaves.
+    /// The order of the calls is that of [`Self::value_with`].
     pub(in crate::cell) fn gradient_with(
         &self,
         leaf: &mut dyn FnMut(&Node) -> ValueAndGradient,
@@ -165,6 +170,8 @@ impl Expression {
     /// Bounds of the errors of value and gradient, where `leaf` gives those of each leaf and a bound of its
     /// gradient. Where the minimum switches between two operands, the gradient jumps, and an error of the
     /// values moves the switch. There the bound of the gradient's error does not hold.
+    /// The entries are the errors of value and gradient, then the bound of the gradient's length.
+    /// A combination has the greatest of its parts, a sum the weighted sum.
     pub(in crate::cell) fn error_bound_with(
         &self,
         leaf: &mut dyn FnMut(&Node) -> [f64; 3],

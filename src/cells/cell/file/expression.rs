@@ -1,4 +1,8 @@
 //! The function of a `.cell` file: a series, or an expression of several.
+//!
+//! The entries mirror the objects of the file; [`Reader`] makes functions from them. A lattice in the file is rounded
+//! to the named one that it equals. Lines of errors are found by counting keys in the text, since the parser keeps
+//! none.
 
 use super::super::compatibility::{rank, symmetry_of};
 use super::super::{CellError, Expression, Series, lattices};
@@ -73,6 +77,7 @@ pub(super) struct Reader<'a> {
 
 impl Reader<'_> {
     /// The line of the n-th occurrence of a key in the text.
+    /// `n` counts from 0, and the line from 1. `None` if there is no such occurrence. Keys within strings count too.
     pub fn line(&self, key: &str, n: usize) -> Option<usize> {
         let quoted = format!("{key:?}");
         let (at, _) = self.text.match_indices(&quoted).nth(n)?;
@@ -88,6 +93,7 @@ impl Reader<'_> {
     }
 
     /// An error at the key that causes it, if it has one.
+    /// The first line with the lattice otherwise.
     pub fn fault(&self, e: &CellError) -> CellTextError {
         let line = match e {
             CellError::Coefficient { place, .. } => {
@@ -114,6 +120,7 @@ impl Reader<'_> {
     }
 
     /// The function of an expression.
+    /// Counts the series and coefficients that it reads.
     pub fn function(&mut self, expression: &ExpressionEntry) -> Result<Expression, CellTextError> {
         let mut all = |parts: &[ExpressionEntry]| -> Result<Vec<Expression>, CellTextError> {
             parts.iter().map(|e| self.function(e)).collect()
@@ -140,6 +147,7 @@ impl Reader<'_> {
         made.map_err(|e| self.fault(&e))
     }
 
+    /// The function of one series, checked for the element. Advances the counts.
     fn leaf(&mut self, entry: &SeriesEntry) -> Result<Expression, CellTextError> {
         let function: Expression = match rank(self.element) {
             2 => self.series_of::<2>(entry)?.into(),
@@ -154,6 +162,7 @@ impl Reader<'_> {
     }
 
     /// The series of an entry in dimension `D`; errors have the line of their key.
+    /// The lattice must be one of the element's, with `D` vectors of `D` components.
     fn series_of<const D: usize>(&self, entry: &SeriesEntry) -> Result<Series<D>, CellTextError> {
         let vectors: Option<Vec<[f64; D]>> = entry
             .lattice

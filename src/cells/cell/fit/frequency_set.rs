@@ -22,12 +22,14 @@ const MAX_ESTIMATE_RATIO: f64 = 2.0;
 const INDEX_TOLERANCE: f64 = 1e-9;
 
 /// Greatest band limit, cycles per unit of reference length, that `n` samples along each vector of a lattice represent.
+/// The limit that holds for every direction.
 pub fn largest_band<const D: usize>(lattice: &Lattice<D>, n: usize) -> f64 {
     let lengths = (0..D).map(|a| lattice.columns().column(a).norm());
     f64::from(index_below_nyquist(n)) / lengths.fold(0.0, f64::max)
 }
 
 /// Greatest index that `n` samples per period represent.
+/// 0 for one or two samples.
 fn index_below_nyquist(n: usize) -> i32 {
     (n.max(1) as i32 - 1) / 2
 }

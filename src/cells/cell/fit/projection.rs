@@ -12,6 +12,8 @@ use rustfft::num_complex::Complex64;
 use std::f64::consts::PI;
 
 /// Representatives and coefficients of every orbit pair with |f| <= `radius`, or of all orbit pairs.
+/// The order is that of the first index. `radius` is in cycles per unit of reference length; 1e-9 more is accepted.
+/// A coefficient is (re, im), and real where the orbit holds k and -k.
 fn project<const D: usize>(
     group: &PointGroup<D>,
     lattice: &Lattice<D>,
@@ -72,6 +74,7 @@ fn project<const D: usize>(
 
 /// Multiplies coefficients by Lanczos' sigma factors for `n` samples per axis (see [`Filter::Lanczos`]),
 /// which are equal within an orbit.
+/// Each term is an index and (re, im), which are changed in place.
 ///
 /// [`Filter::Lanczos`]: crate::cell::Filter::Lanczos
 pub fn lanczos<const D: usize>(

@@ -1,4 +1,7 @@
 //! The report of a fit.
+//!
+//! It is written into `.cell` files as it is, so that the names of its fields are names in files. Missing fields are
+//! read as 0, empty or none. Measures that were not taken are absent.
 
 use crate::cell::{DesignReport, SourceKind};
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,7 @@
 //! Fits to a source: a mesh, points, voxels, struts, plates or a formula.
+//!
+//! A source is already placed in the reference frame. Here its distance becomes the target of a fit, and its known
+//! points, position and exactness go to the measurement of the result.
 
 use super::accuracy::SourceInfo;
 use super::{FitError, FitOptions, Placement, fit_with};
@@ -8,6 +11,7 @@ use druse_geometry::mesh::TriMesh;
 use druse_geometry::progress::Progress;
 
 /// Fits a cell to a source.
+/// `name` is that of the new cell.
 ///
 /// The report in the cell contains the source's bounding box after placement and its share inside the element. The
 /// part outside is not used.
@@ -32,7 +36,8 @@ pub fn fit_source(
         source: Some(source.report()),
         // A source is no repeating field: it has no period of its own.
         period: None,
-        // Values that are no exact distances lower what the report claims about errors.
+        // Whether values are no exact distances: the report then measures distances by Newton steps on the source
+        // instead of taking its values.
         inexact: !source.is_exact(),
     };
     fit_with(
