@@ -22,19 +22,19 @@ const CRATES: [&str; 7] = [
 /// Lines of Rust with comments that a folder of `src` may have. Who needs more raises its number in the same commit, and
 /// gives the reason there.
 const LINE_BUDGETS: [(&str, usize); 14] = [
-    ("geometry", 12800),
-    ("cells", 17400),
-    ("tilings", 31150),
-    ("effective", 8250),
-    ("crystal", 7900),
-    ("formats", 19750),
-    ("solids", 5450),
-    ("vdb", 11150),
+    ("geometry", 13400),
+    ("cells", 18250),
+    ("tilings", 33000),
+    ("effective", 8450),
+    ("crystal", 8250),
+    ("formats", 20500),
+    ("solids", 5750),
+    ("vdb", 11700),
     ("recipe", 5700),
-    ("pipeline", 22450),
-    ("cli", 14850),
-    ("sequence", 300),
-    ("python", 2500),
+    ("pipeline", 23500),
+    ("cli", 15300),
+    ("sequence", 350),
+    ("python", 2550),
     ("", 1100),
 ];
 
