@@ -31,7 +31,7 @@ impl ValueLimits {
         }
     }
 
-    /// Replaces the limits by those of samples of which only the signs are needed, and only where a bit of `needed` is set,
+    /// Replaces the limits by those of samples whose signs alone are needed, and only where a bit of `needed` is set,
     /// in rows of `along` samples; zero is not negative.
     pub fn set_signs(&mut self, needed: &[u64], along: usize) {
         let [low, high] = [-f32::MIN_POSITIVE, 0.0];

@@ -10,7 +10,8 @@
 //!
 //! A batch holds 64 points, as rows of eight by coordinate; masks have a bit for each point. Values are rounded to single
 //! precision, which is all that differs from single points. The laws `values_and_signs_in_bulk_are_those_of_single_points`
-//! and `limits_change_no_value_between_them` measure it.
+//! and `limits_change_no_value_between_them` measure it. d = F s follows section 7.1 of mathematics.md; `rule` computes the
+//! scale s and its blend across faces.
 
 mod block;
 mod distances;
@@ -114,6 +115,7 @@ impl<F: Filling> TiledSolid<'_, F> {
     ) {
         let FillRequest { lattice, limits } = *request;
         self.start_sign_proof(request, depth, buffers);
+        // The buffer is taken out while `whole` borrows it, and put back before each return.
         let mut block_spans = std::mem::take(&mut buffers.block_spans);
         for (axis, spans) in block_spans.iter_mut().enumerate() {
             spans.clear();
@@ -216,6 +218,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         out: &mut [f32],
     ) {
         let w = self.options.half_width;
+        // The part is farther outside than the wanted distances: d = D beyond them everywhere.
         if self.is_cut() && depth.lo >= wanted.hi {
             part.indices(context.lattice)
                 .for_each(|n| out[n] = w as f32);

@@ -53,7 +53,8 @@ impl RegionFacts<'_> {
         })
     }
 
-    /// The boundary point nearest to `x`, if it is within `radius`, at most the band's half width.
+    /// The boundary point nearest to `x`, if it is within `radius`, at most the band's half width. A short list of
+    /// triangles is searched one by one, else the whole boundary by its hierarchy: both find the same point.
     #[inline]
     pub fn closest_within(
         &self,
@@ -100,6 +101,8 @@ impl<F: Filling> TiledSolid<'_, F> {
             .max((-d).min(-known.wanted.lo))
             .min(known.max_boundary_distance * (1.0 + 1e-9));
         match known.closest_within(boundary, x, radius) {
+            // On the boundary, outside within the slack, or inside: the winding number is needed only in the second
+            // case.
             Some(c) if c.distance < self.boundary_tolerance() => d.max(0.0),
             Some(c) if c.distance < slack && !boundary.contains(x) => d.max(c.distance),
             Some(c) => d.max(-c.distance),

@@ -1,25 +1,17 @@
-//! Rule Q for the samples of a small box among any elements, curved ones included.
-//!
-//! At a sample x with the field F, each element e within a voxel of x gives a scale `s_e` by two Newton steps with its own
-//! field, and a weight `w_e` that falls to 0 a voxel away. The distance is d = F(x) sum `w_e` `s_e` / sum `w_e`, clamped to the
-//! half width w of the band. Only distances between two limits d- <= 0 <= d+ are wanted: -w and w, or less where other
-//! fields decide. The steps for a part of at most 4^3 samples:
+//! Rule Q for the samples of a small box among any elements, curved ones included: d = F(x) sum `w_e` `s_e` / sum `w_e` over
+//! the elements e within a voxel of x, with scales `s_e` by two Newton steps, clamped to the half width w of the band. Only
+//! distances between two limits d- <= 0 <= d+ are wanted: -w and w, or less where other fields decide.
 //!
 //! 1. Blocks of 2^3 samples in one element: F at the centre c. With L the slope bound and R the block's half diagonal,
 //!    F(c) >= L (R + d+) implies F >= L d+ and so d >= d+ at all samples, and F(c) <= -L (R - d-) the same below.
-//! 2. The preimages xi of the other samples in the elements that own them: by the second-order map about the block's
-//!    centre where that is within 1e-7 reference units at four corners, otherwise by Newton's method.
-//! 3. F and its gradient at xi. F >= L d+ decides a sample, since no `s_e` is less than 1 / L.
+//! 2. The preimages xi of the other samples in their owners: by the second-order map about the block's centre where that is
+//!    within 1e-7 reference units at four corners, otherwise by Newton's method.
+//! 3. F and its gradient at xi, for runs of points in one element. F >= L d+ decides a sample, for `s_e` >= 1 / L.
 //! 4. For the rest, the scales of owner and neighbours and their mean (`in_band_samples`).
-//! 5. Samples in no element take the value of the nearest point of one (`exterior_samples`).
-//! 6. The cut at the boundary: max(d, D).
+//! 5. Samples in no element take the value of the nearest point of one (`exterior_samples`). Then the cut: max(d, D).
 //!
-//! Blocks are lists of samples in the lattice's order. Items are samples of steps 2 to 4; their points are kept in runs of
-//! one element, so that a cell is evaluated at many points at a time.
-//!
-//! The values are those of single points up to the error of step 2. The laws
-//! `values_in_bulk_are_those_of_single_points_in_graded_elements_of_every_kind` (below 1e-4 voxels) and
-//! `limits_change_no_value_between_them` measure it.
+//! The values are those of single points up to the error of step 2. The laws of tests/it/tiling/curved.rs measure it, less
+//! than 1e-4 voxels, and compare with values without limits.
 
 mod exterior_samples;
 mod in_band_samples;

@@ -1,9 +1,5 @@
 //! The scale of rule Q: distance per field unit, by two damped Newton steps with an element's own field.
 //!
-//! With the gradient g = A^T `grad_xi` F in space, A = d xi / d x, a step is -F g / (|g|^2 + damping), at most 2 w long. The
-//! first leads from x to p1, the second, with F and g there, to p2. The scale is |p2 - x| / |F(x)|, between 1 / L and 10 /
-//! rms |g|; where F(x) = 0 it is the limit |g| / (|g|^2 + damping). At p1 the map is inverted by one Newton step.
-//!
 //! The steps are taken for four points of an element at a time. Between the steps the caller evaluates the
 //! cell at all points. A point gives the same bits alone and among others.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand. Closures
@@ -165,7 +161,7 @@ impl SimdKernel for FirstStepKernel<'_> {
                 InverseJacobians::Local(local_map) => local_map.inverse_jacobian_row(start),
                 InverseJacobians::Each(all) => matrix_rows(lanes, &all[4 * n..4 * n + x.len()]),
             };
-            // g = A^T grad_xi F, and the step from x to p1.
+            // g = J^-T grad F.
             let g = to_world(inverse, g);
             let square = dot(g, g, f.splat(0.0));
             // p = -F g / (|g|^2 + damping), and the scale at a zero, |g| / (|g|^2 + damping).
@@ -178,7 +174,6 @@ impl SimdKernel for FirstStepKernel<'_> {
             // The point moves to xi + J^-1 p; a curved map corrects that by a Newton step of its inverse.
             let [a, b, c, d] = lane_indices(at.len());
             let from = rows(lanes, &[at[a].0, at[b].0, at[c].0, at[d].0]);
-            // xi of p1: xi + A (p1 - x), refined by the map.
             let estimate = product(inverse, step, from);
             let (to, inverse) = match map {
                 Some(map) => {
@@ -220,7 +215,6 @@ impl SimdKernel for SecondStepKernel<'_> {
                 Four::of(lanes, first_step.magnitude),
                 Four::of(lanes, first_step.zero_scale),
             );
-            // |p2 - x| / |F(x)|, within the bounds of the element.
             let step = [first[0] + x, first[1] + y, first[2] + z];
             let scale = dot(step, step, f.splat(0.0)).sqrt() / magnitude;
             let scale = f.splat(0.0).select_below(magnitude, scale, zero_scale);

@@ -1,5 +1,6 @@
-//! Values and distances of a batch's points, as rows of eight: d = F sum `w_e` `s_e` / sum `w_e`, clamped to the half width w, or
-//! w with the sign of F where the point has no scales.
+//! Blends the scales of elements near a face to one distance a point: d = F sum(omega s) / sum(omega), rule Q in
+//! section 7.1 of mathematics.md, clamped to the band. Data lie in rows of eight points in double precision; F and
+//! its gradient come as groups of four single-precision numbers a point and are transposed to rows when loaded.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand. Closures
 // are not: no SIMD arithmetic is written in them.
 #![allow(clippy::inline_always)]
@@ -111,6 +112,7 @@ impl SimdKernel for FarDistancesKernel<'_> {
         let w = zero.splat(self.half_width);
         let (low, high) = (zero.splat(self.open.lo), zero.splat(self.open.hi));
         let mut open = 0;
+        // d = w sign F, kept by points whose F is beyond the wanted values: no scale is computed for them.
         for row in 0..self.len.div_ceil(ROW).min(MAX_SAMPLES / ROW) {
             let Some(f) = self.distances.values(lanes, row) else {
                 break;
@@ -136,7 +138,7 @@ impl SimdKernel for BlendKernel<'_> {
             let Some(f) = self.distances.values(lanes, row) else {
                 break;
             };
-            // d = F sum w_e s_e / sum w_e.
+            // d = F sum(omega s) / sum(omega), within the band.
             let weights = Eight::of(lanes, &self.distances.weights[row]);
             let d = f * Eight::of(lanes, &self.distances.scales[row]) / weights;
             let d = d.min(w).max(zero - w);

@@ -1,8 +1,9 @@
-//! Both Newton steps of rule Q in an affine element, eight points at a time.
+//! Both Newton steps of rule Q in an affine element, eight points at a time (section 7.1 of mathematics.md).
 //!
-//! With A = d xi / d x, constant in the element, and the gradient g = A^T `grad_xi` F in space, a step is
-//! -F g / (|g|^2 + damping), at most 2 w long. The first leads from x to p1, the second, with F and g there, to p2. The scale
-//! is |p2 - x| / |F(x)|, and the limit 1 / |g| where F(x) = 0. `newton_distance` is the same for curved elements.
+//! With J the element's map, the world gradient is g = J^-T grad F. A step is p = -F g / (|g|^2 + damping), at most
+//! as long as the limits allow; the second starts at the end of the first with F and g evaluated anew in the same
+//! element, whose field continues beyond its faces. The scale is s = |p1 + p2| / |F|, or at a zero
+//! |g| / (|g|^2 + damping). Points lie in rows of eight in double precision; F and gradients come in single precision.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand. Closures
 // are not: no SIMD arithmetic is written in them.
 #![allow(clippy::inline_always)]
@@ -89,7 +90,7 @@ impl SimdKernel for FirstStepKernel<'_> {
             let Some((f, g)) = load_slopes(lanes, &newton.slopes, row) else {
                 break;
             };
-            // g = A^T grad_xi F, and the step from x to p1.
+            // g = J^-T grad F.
             let g = to_world(inverse, g);
             let square = dot(g, g, zero);
             // p1 = -F g / (|g|^2 + damping), shortened to the limit.
@@ -99,7 +100,7 @@ impl SimdKernel for FirstStepKernel<'_> {
             newton.magnitude[row] = magnitude
                 .select_below(zero.splat(limits.zero_tolerance), zero, magnitude)
                 .row();
-            // |g| / (|g|^2 + damping), the limit of the scale where F vanishes.
+            // s at a zero: |g| / (|g|^2 + damping).
             newton.scale[row] = (square.sqrt() / (square + zero.splat(limits.damping))).row();
             for (to, step) in newton.step.iter_mut().zip(step) {
                 to[row] = step.row();
@@ -113,7 +114,6 @@ impl SimdKernel for FirstStepKernel<'_> {
                 *to = at.0.into();
             }
             let from = Eight::points(lanes, starts);
-            // xi of p1: xi + A (p1 - x).
             let [x, y, z] = product(inverse, step, from);
             let (x, y, z) = (x.row(), y.row(), z.row());
             for (n, at) in at.iter_mut().enumerate() {
@@ -136,7 +136,7 @@ impl SimdKernel for SecondStepKernel<'_> {
             let Some((f, g)) = load_slopes(lanes, &newton.slopes, row) else {
                 break;
             };
-            // p2 - x: the first step plus that from p1.
+            // g and p2 at the end of the first step.
             let g = to_world(inverse, g);
             let [x, y, z] = limits.newton_step(f, g, dot(g, g, zero));
             let step = [
@@ -145,7 +145,7 @@ impl SimdKernel for SecondStepKernel<'_> {
                 Eight::of(lanes, &newton.step[2][row]) + z,
             ];
             let magnitude = Eight::of(lanes, &newton.magnitude[row]);
-            // |p2 - x| / |F(x)|, within the bounds of the element.
+            // s = |p1 + p2| / |F|; at a zero the scale of the first step stays.
             let scale = dot(step, step, zero).sqrt() / magnitude;
             let scale = zero.select_below(magnitude, scale, Eight::of(lanes, &newton.scale[row]));
             newton.scale[row] = scale.min(zero.splat(max)).max(zero.splat(min)).row();

@@ -1,9 +1,8 @@
-//! Rule Q for a batch of points among affine elements: d = F sum `w_e` `s_e` / sum `w_e`.
+//! Rule Q for a batch of points among affine elements: d = F sum(omega s) / sum(omega), section 7.1 of mathematics.md.
 //!
-//! Each element e within a voxel delta of a point gives the scale `s_e` by two Newton steps (`newton_steps`). The owner has
-//! the weight `w_e` = 1, another element `w_e` = 1 - max(`m_e`, depth) / delta, where `m_e` is the distance outside it and the depth
-//! that below the owner's faces. Points are numbers in the batch and bits in its masks: `band` are those whose |F| leaves the
-//! distance open, `shared` those of them with several elements.
+//! F is the value in the owner, the element of lowest number that contains the point. s is the scale of two Newton
+//! steps in each element e less than delta away, and `omega = 1 - max(m_e, depth) / delta` its weight, with `m_e` the
+//! distance outside e and depth the distance of the point below its owner's faces. The owner weighs 1.
 
 use super::distances::BatchDistances;
 use super::newton_steps::NewtonBatch;
@@ -185,7 +184,6 @@ impl<F: Filling> TiledSolid<'_, F> {
             let first = count;
             // omega = 1 - max(m_e, depth) / delta, zero a voxel away from the face.
             for n in bits(location.shares & shared & !location.owns) {
-                // w_e = 1 - max(m_e, depth) / delta.
                 let weight = 1.0 - location.outside(n).max(depth[n]) / delta;
                 if weight > 0.0 {
                     newton_items[count % MAX_SAMPLES] = (n as u8, weight);

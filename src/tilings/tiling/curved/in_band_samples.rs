@@ -132,7 +132,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         scales.resize(contributions.len(), 0.0);
         let count = contributions.len().max(first_steps.len());
         first_steps.resize(count, FirstStep::default());
-        // The first step of all contributions, by runs with one map from x to xi.
+        // First Newton step of all points with one element and one local map, which share its limits and map.
         let (mut first, mut next_inverse, mut first_step) = (0, 0, 0);
         for run in contributions
             .chunk_by(|a, b| (a.near_index, a.local_map) == (b.near_index, b.local_map))
@@ -166,7 +166,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             );
             (first, first_step) = (all.end, range.end);
         }
-        // F and gradient at the ends p1 of the first steps.
+        // F and its gradient at the ends of the first steps, all points of an element at once.
         let mut first = 0;
         for run in contributions.chunk_by(|a, b| a.near_index == b.near_index) {
             let all = first..first + run.len();
@@ -174,7 +174,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             let near_index = run[0].near_index as usize;
             self.evaluate_slopes(local, near_index, &points[all.clone()], &mut slopes[all]);
         }
-        // The second step, to p2: s_e = |x - p2| / |F_e(x)|.
+        // The second steps, in the runs of the first: each gives the scale s of its point.
         let (mut first, mut first_step) = (0, 0);
         for run in contributions
             .chunk_by(|a, b| (a.near_index, a.local_map) == (b.near_index, b.local_map))
@@ -192,7 +192,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             );
             (first, first_step) = (all.end, range.end);
         }
-        // sum w_e s_e and sum w_e.
+        // d = F sum(omega s) / sum(omega), section 7.1 of mathematics.md; the elements come in ascending order.
         for (contribution, scale) in contributions.iter().zip(&*scales) {
             let sum = &mut sums[contribution.item as usize];
             sum.scales += contribution.weight * scale;
