@@ -61,6 +61,7 @@ impl Icosahedral {
         &self.series
     }
 
+    /// The same function as a sum of products along the axes.
     pub(super) fn products(&self) -> &Arc<Products> {
         &self.products
     }

@@ -28,8 +28,8 @@ const PERCENTILE: f64 = 0.1;
 /// Parts per edge of the simplex grid on which surface points are found.
 const GRID_PARTS: usize = 24;
 
-/// The faces through which points outside an element are reflected into it. Cells of a hex are periodic and those of the
-/// ball continue beyond it, so their points stay where they are.
+/// The faces through which points outside an element are reflected into it. Cells of a hex are periodic and those of
+/// the ball continue beyond it, so their points stay where they are.
 fn mirrors(element: Element) -> Vec<Face> {
     match element {
         Element::Hex | Element::Ball => Vec::new(),
@@ -90,7 +90,6 @@ impl<'a> ThicknessProbe<'a> {
     /// The chords from points of the surface along the inward normals, each to a step; they end at `most` if they are
     /// not shorter.
     /// `most` is a length in reference units. A patch without a normal has a chord of the length `most`.
-    // Normals shorter than 1e-9 are none.
     fn chords_from(&self, patches: &[SurfacePatch], level: f64, most: f64) -> Vec<Chord> {
         let centres: Vec<_> = patches.iter().map(|p| p.centre).collect();
         let mut samples = vec![[0.0; 4]; patches.len()];
@@ -98,6 +97,7 @@ impl<'a> ThicknessProbe<'a> {
         let chord = |(patch, [v, x, y, z]): (&SurfacePatch, [f32; 4])| {
             let gradient = Vec3::from([x, y, z].map(f64::from));
             let (_, slope) = self.cell.solid.value_and_slope(f64::from(v), level);
+            // Where the gradient is below 1e-9 there is no normal.
             let inward = (-gradient * slope).try_normalize(1e-9);
             Chord {
                 from: patch.centre.0,
@@ -260,8 +260,9 @@ fn percentile(mut chords: Vec<(f64, f64)>, mut below: f64, wanted: f64) -> Optio
 }
 
 impl Cell {
-    /// The level at which walls or struts have the given thickness in reference lengths (a hex has edge 1, a tet sqrt 2). For a sheet
-    /// it is the wall thickness to first order, else the tenth percentile of the chords through the solid.
+    /// The level at which walls or struts have the given thickness in reference lengths (a hex has edge 1, a tet
+    /// sqrt 2). For a sheet it is the wall thickness to first order, else the tenth percentile of the chords through
+    /// the solid.
     ///
     /// # Errors
     /// [`CellError::OutOfRange`] for a thickness that is not positive or that no level attains, or

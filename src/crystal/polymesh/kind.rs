@@ -150,6 +150,7 @@ impl Kind {
     };
 
     // The table has the order of the enumeration.
+    /// The properties of the kind.
     pub(super) fn row(self) -> &'static Row {
         &TABLE[self as usize]
     }

@@ -48,6 +48,7 @@ pub(super) struct Workspace {
 }
 
 impl Workspace {
+    /// Vectors of `count` numbers, all 0.
     pub fn new(count: usize) -> Self {
         Self {
             r: vec![0.0; count],

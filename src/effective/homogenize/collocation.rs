@@ -19,6 +19,7 @@ pub(super) struct Collocation {
 
 // Fields lie layer by layer across x; within a layer one component after the other, each over y and z.
 impl Collocation {
+    /// Plans the transforms of the three axes, forward and inverse.
     pub fn new(grid: Grid) -> Self {
         let mut planner = FftPlanner::<f64>::new();
         let transforms = grid
@@ -31,6 +32,7 @@ impl Collocation {
         }
     }
 
+    /// The frequencies of trigonometric interpolation on the grid.
     pub fn frequencies(&self) -> Frequencies {
         Frequencies::trigonometric(self.grid)
     }

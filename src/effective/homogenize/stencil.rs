@@ -122,6 +122,7 @@ fn add_to_corners(sums: &[Vec<f64>; 3], signs: [f64; 2], out: &mut [f64]) {
 }
 
 impl Stencil {
+    /// The stencil on a grid of voxels.
     pub fn new(grid: Grid) -> Self {
         Self { grid }
     }

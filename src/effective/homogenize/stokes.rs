@@ -373,7 +373,6 @@ impl Stokes {
             scale(&mut z, 1.0 / gamma);
             self.apply(&z, &mut z_next);
             let delta = dot(&z_next, &z);
-            // The next Lanczos vector takes the place of the last one.
             // v_next = A z - delta / gamma v - gamma / gamma_old v_old; the next Lanczos vector takes the
             // place of the last one.
             let (first, second) = (-delta / gamma, -gamma / gamma_old);

@@ -45,6 +45,7 @@ pub(super) struct Collector<'a> {
 const FIRST_NAMED: i64 = 1 << 40;
 
 impl<'a> Collector<'a> {
+    /// An empty collector; `path` is for errors.
     pub fn new(path: &'a Path) -> Self {
         Self {
             path,

@@ -65,6 +65,7 @@ struct Deck<'a> {
 }
 
 impl<'a> Deck<'a> {
+    /// An empty deck; `path` is for errors.
     fn new(path: &'a Path) -> Self {
         Self {
             path,

@@ -30,7 +30,8 @@ pub use implicit::ImplicitPart;
 pub(super) use package::{write, write_beams};
 pub use slices::SliceStackWriter;
 
-/// An affine map by the rows of the file: x' = x m[0] + y m[1] + z m[2] + m[3] with x, y, z the coordinates of a point.
+/// An affine map by the rows of the file: `x' = x m[0] + y m[1] + z m[2] + m[3]` with x, y, z the coordinates
+/// of a point.
 type Placement = [Vec3; 4];
 
 const IDENTITY_PLACEMENT: Placement = [

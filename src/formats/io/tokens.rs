@@ -29,6 +29,7 @@ pub(super) struct Tokens {
 }
 
 impl Tokens {
+    /// The tokens of a source from its present place, as text.
     pub fn new(source: Source) -> Self {
         Self {
             source,

@@ -79,6 +79,7 @@ pub(super) struct Target<'a> {
 }
 
 impl Target<'_> {
+    /// The value that a fit takes at a point of the element. A symmetric source needs no images.
     pub fn value(&self, p: CellPoint<3>) -> f64 {
         if self.symmetric {
             (self.images.source)(p)

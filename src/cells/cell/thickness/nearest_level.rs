@@ -70,6 +70,7 @@ pub(super) struct LevelSearch<'a> {
 
 /// The cell's own level does not count: the search covers all.
 impl<'a> LevelSearch<'a> {
+    /// A search over the range of the sampled values, with nothing measured yet.
     pub(super) fn new(probe: ThicknessProbe<'a>) -> Self {
         let (least, greatest) = probe.samples.range();
         let ends = match probe.cell.solid {

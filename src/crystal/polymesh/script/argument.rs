@@ -83,6 +83,7 @@ pub(super) struct Arguments<'s, 'w> {
 }
 
 impl<'s, 'w> Arguments<'s, 'w> {
+    /// The arguments of a statement, none of them used yet.
     pub fn new(statement: &'s Statement, interpreter: &'s Interpreter<'w>) -> Self {
         Self {
             statement,
@@ -92,6 +93,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
         }
     }
 
+    /// An error at the step itself, with this message.
     pub fn fault(&self, message: impl Into<String>) -> ScriptError {
         self.statement.fault(0, message)
     }

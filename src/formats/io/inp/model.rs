@@ -73,6 +73,7 @@ impl Sets {
         self.0.get(&name.to_uppercase())
     }
 
+    /// All sets, in the order of their names in capitals.
     pub fn iter(&self) -> impl Iterator<Item = &Set> {
         self.0.values()
     }
@@ -131,6 +132,7 @@ pub(super) struct Model {
 }
 
 impl Model {
+    /// Whether it has neither nodes nor elements, not even skipped ones.
     pub fn is_empty(&self) -> bool {
         self.nodes.is_empty() && self.kinds.is_empty() && self.skipped.is_empty()
     }

@@ -67,6 +67,7 @@ impl Default for Motion {
 }
 
 impl Motion {
+    /// The motion by a vector, without a rotation.
     pub fn translation(shift: Vec3) -> Self {
         Self {
             linear: Mat3::identity(),

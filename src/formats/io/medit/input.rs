@@ -81,6 +81,7 @@ impl Input {
         self.tokens.source.path()
     }
 
+    /// Whether numbers are bytes and not text.
     pub fn is_binary(&self) -> bool {
         self.tokens.encoding != Encoding::Text
     }

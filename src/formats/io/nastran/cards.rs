@@ -43,6 +43,7 @@ struct LineParts<'a> {
 const MAX_NAME_LINES: usize = 16;
 
 impl Cards {
+    /// Opens a file before its first line. The error is that of the system.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         Ok(Self {
             source: Source::open(path)?,

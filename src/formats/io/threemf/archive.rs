@@ -31,6 +31,7 @@ pub(super) struct Archive {
 }
 
 impl Archive {
+    /// Opens the ZIP archive and reads its directory. An error if the file is none.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         let file = File::open(path).map_err(|e| ReadError::io(path, e))?;
         let packed = file.metadata().map_err(|e| ReadError::io(path, e))?.len();

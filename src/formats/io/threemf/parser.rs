@@ -52,6 +52,7 @@ fn space_of(result: &ResolveResult) -> Space {
 }
 
 impl<'a, R: BufRead> Parser<'a, R> {
+    /// A parser before the first element of a model's part; `path` and `part` are for errors.
     pub fn new(path: &'a Path, part: &'a str, input: R) -> Self {
         let mut reader = NsReader::from_reader(input);
         let resolver = reader.resolver_mut();

@@ -148,6 +148,7 @@ pub(super) struct Version {
 }
 
 impl Version {
+    /// Versions compare by `major`, then by `minor`.
     pub const fn new(major: u32, minor: u32) -> Self {
         Self { major, minor }
     }
