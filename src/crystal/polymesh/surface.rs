@@ -1,4 +1,5 @@
 //! Faces as the elements of a surface scaffold: triangles and quads only, without their groups.
+//! A face is one element, so that larger faces have to be divided before.
 
 use super::PolyMesh;
 use druse_tilings::scaffold::{Connectivity, Kind, ScaffoldError, Surface};

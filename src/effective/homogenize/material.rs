@@ -1,4 +1,5 @@
 //! Isotropic materials by Lame's moduli, and their mixtures. Moduli are in any one unit; nothing here converts it.
+//! Lambda may be negative. In the Voigt order 11 22 33 23 13 12 the last three strains are doubled.
 
 use super::HomogenizeError;
 use super::tensor::Voigt;

@@ -1,4 +1,5 @@
 //! Reading and writing of straight beams by 3MF's beam lattice extension; `beam_parts.rs` has the types.
+//! The files themselves are written and read in `threemf`. A file with both triangles and beams gives both.
 
 use super::atomic::AtomicFile;
 use super::beam_parts::{BeamLattice, SolidFile};

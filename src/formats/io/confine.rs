@@ -1,4 +1,5 @@
 //! Names of outputs that come with a file, not from the user: whether they stay inside the folder that the user names.
+//! A name with a link below the folder is refused; the folder itself may be one.
 
 use std::path::{Component, Path};
 

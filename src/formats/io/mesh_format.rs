@@ -1,4 +1,5 @@
 //! Formats of triangle meshes, and what a file of one holds. These are types only; `mesh_file.rs` reads and writes.
+//! `MeshFormat::of` goes by the extension alone, not by what a file holds.
 
 use druse_geometry::frame::LengthUnit;
 use druse_geometry::mesh::TriMesh;

@@ -1,4 +1,5 @@
 //! Numbers in text, also with Fortran exponents; decimal commas are refused with a hint.
+//! Words are bytes as they stand in the file. A failure is `None`, and `line_error` makes the error with its line.
 
 use super::error::ReadError;
 use super::source::{Source, quote};

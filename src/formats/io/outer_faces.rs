@@ -1,4 +1,5 @@
 //! The surface of a finite-element file: planar elements as they are, outer faces of solids.
+//! Planar elements give triangles and quads; the outer faces of solids are triangles within a tolerance.
 
 use super::element_file::ElementFile;
 use super::error::ReadError;

@@ -1,4 +1,6 @@
 //! Points that move: their places at the samples of a point cache (.pc2) or of a USD layer (.usda).
+//! The two formats differ in what a frame is; a sample is counted from 0 in both. Points keep the order and the
+//! unit of the file.
 
 use super::error::{Place, ReadError};
 use super::pc2::Pc2;

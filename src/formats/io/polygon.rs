@@ -1,4 +1,5 @@
 //! Triangulation of a polygon in space, which need not be planar or convex. The corners keep their orientation.
+//! No points are added. Where nothing else works, the fan from the first corner may overlap itself.
 
 use druse_geometry::frame::Vec3;
 

@@ -1,4 +1,5 @@
 //! The number types of binary files and their decoding: the names that VTK's two forms and PLY give them.
+//! Bytes are decoded in the order that the caller gives. Integers of 64 bits may lose digits as real numbers.
 
 /// A number type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

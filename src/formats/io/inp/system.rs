@@ -1,4 +1,5 @@
 //! Coordinate systems of nodes, and motions of copies. Angles are in degrees, lengths in the deck's unit.
+//! Both belong to the deck of Abaqus: the system to its nodes, the motion to copies of nodes and to instances.
 
 use crate::io::error::ReadError;
 use crate::io::source::{Source, quote};

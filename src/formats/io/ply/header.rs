@@ -1,4 +1,5 @@
 //! The header of PLY: the elements of the file and their properties.
+//! The header is text in every file; it fixes the order and the types of the body, which the caller reads.
 
 use crate::io::error::ReadError;
 use crate::io::scalar::Scalar;

@@ -1,4 +1,5 @@
 //! Namespaces of 3MF and its extensions: supported ones, those without effect on shapes, and unsupported ones.
+//! An extension that a file requires must be supported; one that it only uses may be ignored.
 
 /// The meaning of a namespace.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,4 +1,5 @@
 //! The writer of 3MF: a zip archive with one model of triangles or beams.
+//! Triangles and beams have the same frame around them; only attributes and elements of the mesh differ.
 
 use crate::io::beam_parts::BeamLattice;
 use crate::io::mesh_view::Rows;

@@ -1,4 +1,5 @@
 //! The writer of 3MF slice stacks (slice extension, version 1): layers in order, each written when it is known.
+//! Nothing is kept of a layer once it is written. The caller provides the order and the orientation of outlines.
 
 use super::package::begin;
 use druse_geometry::frame::{Aabb, LengthUnit};

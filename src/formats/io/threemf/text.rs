@@ -1,4 +1,5 @@
 //! Decoding of a part's text to UTF-8: from UTF-8 or UTF-16, with or without a byte order mark.
+//! A part is decoded in chunks while it is read, so that memory does not grow with its size.
 
 use std::io::{self, BufRead, BufReader, Read};
 

@@ -1,4 +1,5 @@
 //! Element types of universal files and their node orders: corners and mid nodes alternate round each face.
+//! A permutation lists, for each node in the order of VTK, its place in the file.
 
 use druse_tilings::scaffold::Kind;
 

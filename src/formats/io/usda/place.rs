@@ -1,4 +1,5 @@
 //! Placement of USD prims: their transform operations, and the values of properties at a time code.
+//! Matrices act on column vectors, while USD writes them for row vectors. Angles are in degrees.
 
 use super::text::{Prim, Property, Value};
 use druse_geometry::frame::Vec3;

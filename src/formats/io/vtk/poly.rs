@@ -1,4 +1,5 @@
 //! Polygonal data of both formats: points, lines, polygons, triangle strips.
+//! Points and lines are counted and skipped; strips become triangles. Fields at cells go to the faces.
 
 use crate::io::element_file::{DataField, FieldAt};
 use crate::io::error::{Place, ReadError};
