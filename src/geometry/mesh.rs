@@ -24,6 +24,7 @@ mod check;
 mod cloud;
 mod collapse;
 mod components;
+mod cracks;
 mod crossing;
 mod falloff;
 mod half_edges;

@@ -6,6 +6,7 @@
 //! distance, not a closed mesh: holes get no triangles. Shells are connected components through edges of two triangles.
 
 use super::boundary_edges::BoundaryEdges;
+use super::cracks::without_cracks;
 use super::half_edges::HalfEdges;
 use super::open_winding::OpenWinding;
 use super::openness::{NoSolidError, Openness};
@@ -148,8 +149,29 @@ impl Oriented {
         }
     }
 
-    /// Leaves one copy of what the mesh gives more than once, and adds a note of it. `add` receives a kind and a
-    /// message per note.
+    /// Closes edges that are open by rounding alone, and adds a note of it.
+    fn without_cracks(self, add: &mut impl FnMut(RepairKind, String)) -> Self {
+        let before = self.sides.boundary();
+        let Some(mesh) = without_cracks(&self.mesh, &self.merged, &before) else {
+            return self;
+        };
+        let mut closed = Self::of(mesh);
+        let after = closed.sides.boundary().len();
+        // Merged vertices may also open edges, where a part is as thin as the rounding.
+        if after >= before.len() {
+            return self;
+        }
+        let message = format!(
+            "{} edges are open by less than two roundings of single precision; closed",
+            before.len() - after
+        );
+        add(RepairKind::Closed, message);
+        closed.flipped_faces += self.flipped_faces;
+        closed.repeated_faces += self.repeated_faces;
+        closed
+    }
+
+    /// Leaves one copy of what the mesh gives more than once, and adds a note of it.
     fn without_repeats(self, add: &mut impl FnMut(RepairKind, String)) -> Self {
         if self.repeated_faces > 0 {
             let message = format!(
@@ -286,8 +308,8 @@ fn has_too_many_overlaps(soup: &Soup) -> bool {
 
 impl MeshSolid {
     /// A solid from a mesh that may have defects: inconsistently oriented triangles and inward shells are
-    /// flipped, overlapping shells are united, holes are closed by the winding number. Shells within 2.5e-7 of the
-    /// greatest coordinate, two roundings of single precision, touch and are one body.
+    /// flipped, overlapping shells are united, cracks are closed, holes too by the winding number. Shells within
+    /// 2.5e-7 of the greatest coordinate, two roundings of single precision, touch and are one body.
     ///
     /// # Errors
     /// [`NoSolidError`] when the surface bounds no solid.
@@ -317,7 +339,9 @@ impl MeshSolid {
     ) -> Result<(Self, Vec<Repair>), NoSolidError> {
         let mut repairs = Vec::new();
         let mut add = |kind, message| repairs.push(Repair { kind, message });
-        let mut oriented = Oriented::of(mesh).without_repeats(&mut add);
+        let mut oriented = Oriented::of(mesh)
+            .without_cracks(&mut add)
+            .without_repeats(&mut add);
         oriented.soup.cut();
         if oriented.flipped_faces > 0 {
             let message = format!(
@@ -418,6 +442,29 @@ mod tests {
             Vec3::from_fn(|a, _| (b[a][0] - p[a]).max(p[a] - b[a][1]).max(0.0)).norm()
         };
         boxes.iter().map(one).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Corners of a box that are not quite equal, as programs write them in single precision.
+    #[test]
+    fn a_crack_by_rounding_is_closed() {
+        let bounds = Aabb::of([Vec3::zeros(), Vec3::new(3.0, 2.0, 1.0)]);
+        let whole = TriMesh::cuboid(&bounds);
+        let cracked = |gap: f64| {
+            let mut corners: Vec<Vec3> = whole.iter_corners().flatten().collect();
+            // One corner in two triangles, the other ones exact.
+            for p in corners.iter_mut().filter(|p| **p == Vec3::zeros()).take(2) {
+                p.x = gap;
+            }
+            let triangles = (0..corners.len() as u32 / 3).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]);
+            let mesh = TriMesh::new(corners, triangles.collect()).unwrap();
+            MeshSolid::repaired(mesh).unwrap()
+        };
+        let (solid, repairs) = cracked(1e-17);
+        assert!(repairs.len() == 1 && repairs[0].message.contains("roundings"));
+        assert_eq!(solid.mesh().merged().vertices().len(), 8);
+        // A gap that single precision can tell is a hole.
+        let (_, repairs) = cracked(1e-5);
+        assert!(repairs.iter().any(|r| r.message.contains("winding number")));
     }
 
     /// Faces that touch up to the last bit leave neither a face nor a crack, with and without further shells there.
