@@ -16,7 +16,7 @@ pub(super) struct Parameters {
     #[arg(long, value_name = "FILE")]
     part: Option<PathBuf>,
     /// What fills the part: "edges" (struts along the edges of tets that keep the part's edges), or a named
-    /// surface, as in gyroid, in cubes that the part cuts.
+    /// surface, as in gyroid, in cubes that the part cuts; of a part of CAD the surface is written beside the recipe.
     #[arg(long, value_name = "CELL", default_value = "edges", requires = "part")]
     cell: String,
     /// Overwrite an existing file.
@@ -26,8 +26,7 @@ pub(super) struct Parameters {
 
 const STARTER: &str = include_str!("new.toml");
 
-/// Writes a recipe to start from: of a part, if one is named, else an example.
-pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
+pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let mut path = p.name.clone();
     if path.extension().is_none_or(|e| e != "toml") {
         path.as_mut_os_string().push(".toml");
@@ -40,7 +39,16 @@ pub(super) fn answer(p: &Parameters, _: &Session) -> Result<Answer, Failure> {
         .file_stem()
         .map_or_else(|| "part".into(), |s| s.to_string_lossy().into_owned());
     let text = match &p.part {
-        Some(part) => super::new_part::recipe(part, &p.cell, &stem, &path)?,
+        Some(part) => {
+            let lattice = super::new_part::Lattice {
+                part,
+                cell: &p.cell,
+                name: &stem,
+                path: &path,
+                may_overwrite: p.force,
+            };
+            lattice.recipe(session)?
+        }
         None => STARTER.replace("NAME", &stem),
     };
     write_bytes(&path, text.as_bytes())?;

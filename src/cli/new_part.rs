@@ -1,9 +1,10 @@
 //! The recipe that `druse new NAME --part FILE` writes: a lattice in a part, with sizes that suit it.
 
+use super::context::Session;
 use super::failure::Failure;
-use crate::frame::Vec3;
+use crate::frame::{LengthUnit, Vec3};
 use crate::mesh::{MeshSolid, TriMesh};
-use crate::pipeline::{CadOptions, cad_mesh};
+use crate::pipeline::{CadOptions, cad_mesh, outer_mesh};
 use crate::recipe::is_cad;
 use std::path::Path;
 
@@ -16,70 +17,110 @@ const PLACES: usize = 2000;
 /// Share of the places that may be thinner than the least thickness: steps and noise of the mesh.
 const IGNORED: usize = 20;
 
-/// The text of a recipe beside which the part's path is given.
-pub(super) fn recipe(part: &Path, cell: &str, name: &str, path: &Path) -> Result<String, Failure> {
-    let is_cad = is_cad(part);
-    let is_tets = cell == "edges";
-    if is_cad && !is_tets {
-        let message = format!("{cell} fills the cubes of a mesh; a part of CAD becomes tets");
-        return Err(Failure::usage(message)
-            .hint("leave out --cell, or write the part as an STL file in the CAD program"));
-    }
-    let mesh = surface(part, is_cad)?;
-    let longest = mesh.bounds().size().amax();
-    let (solid, _) = MeshSolid::repaired(mesh).map_err(|e| Failure::data(part, e.to_string()))?;
-    let thickness = least_thickness(&solid).unwrap_or(longest);
-    // As large as the thinnest wall, but neither a few cells nor far too many.
-    let size = thickness.clamp(longest / CELLS[1], longest / CELLS[0]);
-    let [cell_size, voxel, skin] =
-        [size, WALL * size / 4.0, WALL * size].map(|s| two_digits(s).to_string());
-    let file = relative(part, path)?;
-    let file = toml::Value::String(file).to_string();
-    let thickness = two_digits(thickness).to_string();
-    let longest = two_digits(longest).to_string();
-    let source = if is_tets {
-        "graph = \"edges\"   # round struts along the edges of the tets, so along the part's own edges".to_owned()
-    } else {
-        format!(
-            "surface = {}\nvolume_fraction = 0.3",
-            toml::Value::String(cell.to_owned())
-        )
-    };
-    let scaffold = match (is_cad, is_tets) {
-        (true, _) => {
-            format!("file = {file}\ncell_size = {cell_size}   # edge of a tet; gmsh makes them")
-        }
-        (_, true) => format!(
-            "fill = {{ mesh = {file}, cell_size = {cell_size}, kind = \"tet\" }}   # tets keep the part's edges"
-        ),
-        _ => format!(
-            "fill = {{ mesh = {file}, cell_size = {cell_size} }}   # cubes, which the part cuts"
-        ),
-    };
-    let (boundary, thickness_of_struts) = if is_tets {
-        (
-            "\nboundary = \"extend\"   # struts on the outer faces stay whole",
-            format!("\nthickness = {skin}   # of the struts"),
-        )
-    } else {
-        ("", String::new())
-    };
-    let skin = if is_cad {
-        String::new()
-    } else {
-        format!(
-            "# A closed skin around the lattice:\n# [[op]]\n\
+/// A lattice in a part.
+pub(super) struct Lattice<'a> {
+    pub part: &'a Path,
+    /// "edges", or the name of a surface.
+    pub cell: &'a str,
+    /// The recipe's name and path.
+    pub name: &'a str,
+    pub path: &'a Path,
+    pub may_overwrite: bool,
+}
+
+impl Lattice<'_> {
+    /// The text of the recipe. Where cubes fill a part of CAD, its surface is written beside the recipe.
+    pub(super) fn recipe(&self, session: &Session) -> Result<String, Failure> {
+        let &Self {
+            part,
+            cell,
+            name,
+            path,
+            ..
+        } = self;
+        let is_cad = is_cad(part);
+        let is_tets = cell == "edges";
+        let mesh = surface(part, is_cad, session)?;
+        let longest = mesh.bounds().size().amax();
+        let (solid, _) =
+            MeshSolid::repaired(mesh).map_err(|e| Failure::data(part, e.to_string()))?;
+        let thickness = least_thickness(&solid).unwrap_or(longest);
+        // As large as the thinnest wall, but neither a few cells nor far too many.
+        let size = thickness.clamp(longest / CELLS[1], longest / CELLS[0]);
+        let [cell_size, voxel, skin] =
+            [size, WALL * size / 4.0, WALL * size].map(|s| two_digits(s).to_string());
+        let surface = if is_cad && !is_tets {
+            let surface = path.with_file_name(format!("{name}_part.stl"));
+            self.write_surface(&surface, size, session)?;
+            Some(surface)
+        } else {
+            None
+        };
+        let is_cad = is_cad && is_tets;
+        let file = relative(surface.as_deref().unwrap_or(part), path)?;
+        let file = toml::Value::String(file).to_string();
+        let thickness = two_digits(thickness).to_string();
+        let longest = two_digits(longest).to_string();
+        let source = if is_tets {
+            "graph = \"edges\"   # round struts along the edges of the tets, so along the part's own edges".to_owned()
+        } else {
+            format!(
+                "surface = {}\nvolume_fraction = 0.3",
+                toml::Value::String(cell.to_owned())
+            )
+        };
+        let scaffold = match (is_cad, is_tets) {
+            (true, _) => {
+                format!("file = {file}\ncell_size = {cell_size}   # edge of a tet; gmsh makes them")
+            }
+            (_, true) => format!(
+                "fill = {{ mesh = {file}, cell_size = {cell_size}, kind = \"tet\" }}   # tets keep the part's edges"
+            ),
+            _ => format!(
+                "fill = {{ mesh = {file}, cell_size = {cell_size} }}   # cubes, which the part cuts"
+            ),
+        };
+        let (boundary, thickness_of_struts) = if is_tets {
+            (
+                "\nboundary = \"extend\"   # struts on the outer faces stay whole",
+                format!("\nthickness = {skin}   # of the struts"),
+            )
+        } else {
+            ("", String::new())
+        };
+        let skin = if is_cad {
+            String::new()
+        } else {
+            format!(
+                "# A closed skin around the lattice:\n# [[op]]\n\
              # union = {{ skin = {{ mesh = {file}, thickness = {skin} }} }}\n"
-        )
-    };
-    Ok(format!(
-        "# A lattice in {file}: its longest edge is {longest}, its thinnest wall about {thickness}.\n\
+            )
+        };
+        Ok(format!(
+            "# A lattice in {file}: its longest edge is {longest}, its thinnest wall about {thickness}.\n\
          druse = 1\nunit = \"mm\"\n\n[cell.lattice]\n{source}\n\n[scaffold]\n{scaffold}{boundary}\n\n\
          [tiling]\ncell = \"lattice\"{thickness_of_struts}\n\n\
          [band]\nvoxel_size = {voxel}   # four across the thinnest strut or wall, about\n\n\
          {skin}[[op]]\nkeep_largest = true   # reports what it dropped\n\n\
          [[output]]\nmesh = \"{name}.stl\"\n[[output]]\npicture = \"{name}.png\"\n[[output]]\nreport = \"{name}.json\"\n"
-    ))
+        ))
+    }
+
+    /// Writes the surface of a part of CAD: the outer faces of its curved tets.
+    fn write_surface(&self, output: &Path, cell: f64, session: &Session) -> Result<(), Failure> {
+        if output.exists() && !self.may_overwrite {
+            let message = format!("{} exists already", output.display());
+            return Err(Failure::usage(message).hint("choose another name, or add --force"));
+        }
+        let options = CadOptions { cell, order: 2 };
+        let tets = cad_mesh(self.part, options, session)?;
+        let scaffold = crate::io::read_scaffold(&tets)?.scaffold;
+        // A fortieth of a voxel.
+        let mesh = outer_mesh(&scaffold, WALL * cell / 160.0)
+            .map_err(|e| Failure::data(self.part, e.to_string()))?;
+        crate::io::write_mesh(output, &mesh, LengthUnit::Millimetre)?;
+        Ok(())
+    }
 }
 
 /// The part's path as the recipe's folder sees it.
@@ -94,7 +135,7 @@ fn relative(part: &Path, recipe: &Path) -> Result<String, Failure> {
     Ok(shown.to_owned())
 }
 
-fn surface(part: &Path, is_cad: bool) -> Result<TriMesh, Failure> {
+fn surface(part: &Path, is_cad: bool, session: &Session) -> Result<TriMesh, Failure> {
     if !is_cad {
         return Ok(crate::io::read_mesh(part)?.mesh);
     }
@@ -103,7 +144,7 @@ fn surface(part: &Path, is_cad: bool) -> Result<TriMesh, Failure> {
         cell: 1e22,
         order: 1,
     };
-    let mesh = cad_mesh(part, options).map_err(|message| Failure::data(part, message))?;
+    let mesh = cad_mesh(part, options, session)?;
     Ok(crate::io::read_mesh(&mesh)?.mesh)
 }
 

@@ -50,6 +50,9 @@ enum What {
         /// Unit of the part's numbers [default: the file's, else mm].
         #[arg(long)]
         unit: Option<crate::frame::LengthUnit>,
+        /// Also write a picture of the scaffold.
+        #[arg(long, value_name = "X.png")]
+        picture: Option<PathBuf>,
     },
     /// Check that a mesh can be tiled and its elements conform; for a recipe also that its field is continuous
     /// across all shared faces. Exit code 1 if the check fails.
@@ -86,6 +89,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             cell_size,
             order,
             unit,
+            picture,
         } => {
             let made = super::scaffold_make::Made {
                 part,
@@ -93,6 +97,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
                 size: *cell_size,
                 order: *order,
                 unit: *unit,
+                picture: picture.as_deref(),
             };
             made.write(session)?;
             let (text, facts) = describe(output)?;

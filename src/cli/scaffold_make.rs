@@ -3,9 +3,10 @@
 use super::context::Session;
 use super::failure::Failure;
 use crate::frame::LengthUnit;
-use crate::io::atomic::require_writable;
+use crate::io::ReadError;
+use crate::io::atomic::{require_writable, write_bytes};
 use crate::mesh::{MeshSolid, RepairKind};
-use crate::pipeline::{CadOptions, TetFilling, Warning, cad_mesh};
+use crate::pipeline::{CadOptions, RunError, TetFilling, Warning, cad_mesh};
 use crate::recipe::{Size, is_cad};
 use crate::scaffold::{FillOptions, Scaffold};
 use std::path::Path;
@@ -17,61 +18,92 @@ pub(super) struct Made<'a> {
     pub size: Size,
     pub order: Option<u32>,
     pub unit: Option<LengthUnit>,
+    pub picture: Option<&'a Path>,
 }
 
-impl Made<'_> {
-    /// Makes the scaffold and writes it.
-    pub(super) fn write(&self, session: &Session) -> Result<(), Failure> {
-        let extension = self
-            .output
-            .extension()
-            .map(|e| e.to_string_lossy().to_lowercase());
-        let is_msh = match extension.as_deref() {
-            Some("msh") => true,
-            Some("vtu") => false,
-            _ => {
-                let found = self.output.display();
-                return Err(Failure::usage(format!(
-                    "found the output {found}; expected a name with the extension .msh or .vtu"
-                )));
-            }
-        };
-        require_writable(self.output)?;
-        let scaffold = self.scaffold(session)?;
-        if is_msh {
-            crate::io::write_msh(self.output, &scaffold)?;
-        } else {
-            crate::io::write_vtu(self.output, &scaffold, &[])?;
-        }
-        Ok(())
-    }
+/// Width and height of the picture.
+const SIZE: [usize; 2] = [1000, 800];
 
-    /// Tets that fill the part: by gmsh in a CAD part, by this program in a mesh.
-    fn scaffold(&self, session: &Session) -> Result<Scaffold, Failure> {
-        let stated = match self.unit {
-            Some(unit) => Some(unit),
-            // gmsh converts CAD parts to millimetres.
-            None if is_cad(self.part) => None,
-            None => crate::io::stated_unit(self.part)?,
+impl Made<'_> {
+    /// Makes the scaffold and writes it, and its picture.
+    pub(super) fn write(&self, session: &Session) -> Result<(), Failure> {
+        let (is_msh, is_vtu) = (has(self.output, "msh"), has(self.output, "vtu"));
+        let misnamed = |found: &Path, expected: &str| {
+            let found = found.display();
+            Failure::usage(format!(
+                "found the output {found}; expected a name with the extension {expected}"
+            ))
         };
-        let unit = stated.unwrap_or(LengthUnit::Millimetre);
+        if !is_msh && !is_vtu {
+            return Err(misnamed(self.output, ".msh or .vtu"));
+        }
+        require_writable(self.output)?;
+        if let Some(picture) = self.picture {
+            if !has(picture, "png") {
+                return Err(misnamed(picture, ".png"));
+            }
+            require_writable(picture)?;
+        }
+        let unit = self.unit()?;
         let cell = self.size.0.in_unit(unit, unit).ok_or_else(|| {
             Failure::usage("there are no voxels here; expected a length as in --cell-size 5mm")
         })?;
-        let failed = |message: String| Failure::data(self.part, message);
         if is_cad(self.part) {
             let options = CadOptions {
                 cell,
                 order: self.order.unwrap_or(2),
             };
-            let mesh = cad_mesh(self.part, options).map_err(failed)?;
-            return Ok(crate::io::read_scaffold(&mesh)?.scaffold);
+            let mesh = cad_mesh(self.part, options, session)?;
+            let read = crate::io::read_scaffold(&mesh);
+            // The part is at fault, not the file of gmsh.
+            let read = read.map_err(|e| {
+                let message = format!("found {}; expected {}", e.found(), e.expected());
+                Failure::data(self.part, message)
+            })?;
+            let scaffold = read.scaffold;
+            if let Some(warning) = TetFilling::thin(&scaffold) {
+                session.warn_of(TetFilling::CODE, warning)?;
+            }
+            if is_msh {
+                // The file of gmsh itself, because it has the groups.
+                let bytes = std::fs::read(&mesh).map_err(|e| ReadError::io(&mesh, e))?;
+                write_bytes(self.output, &bytes)?;
+            } else {
+                crate::io::write_vtu(self.output, &scaffold, &[])?;
+            }
+        } else {
+            let scaffold = self.filling(cell, session)?;
+            if is_msh {
+                crate::io::write_msh(self.output, &scaffold)?;
+            } else {
+                crate::io::write_vtu(self.output, &scaffold, &[])?;
+            }
         }
+        if let Some(picture) = self.picture {
+            write_bytes(
+                picture,
+                &super::preview::png(self.output, SIZE, 0, session)?,
+            )?;
+        }
+        Ok(())
+    }
+
+    fn unit(&self) -> Result<LengthUnit, Failure> {
+        let stated = match self.unit {
+            Some(unit) => Some(unit),
+            None if is_cad(self.part) => None,
+            None => crate::io::stated_unit(self.part)?,
+        };
+        Ok(stated.unwrap_or(LengthUnit::Millimetre))
+    }
+
+    fn filling(&self, cell: f64, session: &Session) -> Result<Scaffold, Failure> {
         let file = crate::io::read_mesh(self.part)?;
         for warning in file.warnings {
             session.warn_of(Warning::MESH, warning)?;
         }
-        let (solid, repairs) = MeshSolid::repaired(file.mesh).map_err(|e| failed(e.to_string()))?;
+        let (solid, repairs) =
+            MeshSolid::repaired(file.mesh).map_err(|e| Failure::data(self.part, e.to_string()))?;
         for repair in repairs {
             let code = match repair.kind {
                 RepairKind::United | RepairKind::Repeated => Warning::OVERLAP,
@@ -83,10 +115,18 @@ impl Made<'_> {
             cell,
             order: self.order,
         };
-        let filling = TetFilling::new(&solid, options).map_err(failed)?;
+        let filling = TetFilling::new(&solid, options, session).map_err(|e| match e {
+            RunError::Scaffold { message, .. } => Failure::data(self.part, message),
+            e => e.into(),
+        })?;
         for warning in filling.warnings {
             session.warn_of(TetFilling::CODE, warning)?;
         }
         Ok(filling.scaffold)
     }
+}
+
+fn has(path: &Path, extension: &str) -> bool {
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case(extension))
 }

@@ -16,7 +16,7 @@ use crate::cell::{Cell, Table};
 use crate::frame::{Aabb, Element, LengthUnit, Vec3};
 use crate::io::Group;
 use crate::mesh::TriMesh;
-use crate::progress::Progress;
+use crate::progress::{Progress, Silent};
 use crate::recipe::{Recipe, Scale};
 use crate::scaffold::{Kind, Scaffold};
 use crate::tiling::{Boundary, Distance, TiledSolid, TilingOptions};
@@ -93,7 +93,7 @@ pub fn scaffold_of(
         return Ok(None);
     };
     let mut files = InputFiles::new(recipe, options);
-    let loaded = threads(options)?.install(|| scaffold::load(&mut files, section))?;
+    let loaded = threads(options)?.install(|| scaffold::load(&mut files, section, &Silent))?;
     Ok(Some((loaded.scaffold, loaded.groups)))
 }
 

@@ -57,6 +57,7 @@ pub use topology::{FaceRef, Neighbour};
 
 use druse_geometry::frame::{Aabb, CellPoint, Vec3, WorldPoint, is_in_range};
 use druse_geometry::mesh::Bvh;
+use druse_geometry::progress::Cancelled;
 use map::Geometry;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -68,6 +69,9 @@ pub(crate) const INSIDE_TOLERANCE: f64 = 1e-9;
 /// Why nodes and elements are not a scaffold.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ScaffoldError {
+    /// The user ended the work.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
     /// No solid elements.
     #[error("no solid elements; expected at least one tetrahedron, hexahedron, wedge or pyramid")]
     Empty,

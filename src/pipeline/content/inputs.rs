@@ -145,7 +145,7 @@ impl<'a> Inputs<'a> {
         let (Some(section), Some(tiling)) = (&sections.scaffold, &sections.tiling) else {
             return Ok(());
         };
-        let loaded = scaffold::load(&mut self.files, section)?;
+        let loaded = scaffold::load(&mut self.files, section, session.progress)?;
         session.progress.stage("cell", None);
         // An operation's mesh counts before the one that the scaffold fills.
         let envelope = self.envelope().cloned().or_else(|| loaded.envelope.clone());

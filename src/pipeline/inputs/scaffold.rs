@@ -14,6 +14,7 @@ use crate::mesh::MeshSolid;
 use crate::pipeline::base::error::{RunError, short_number};
 use crate::pipeline::base::report::ScaffoldReport;
 use crate::pipeline::base::warning::Warning;
+use crate::progress::Progress;
 use crate::recipe::{CrystalFrame, FillKind, Recipe, ScaffoldSection, is_cad};
 use crate::scaffold::{
     Connectivity, Divided, FillOptions, InvalidScaffold, Scaffold, ScaffoldError, Surface,
@@ -26,7 +27,7 @@ mod filling;
 mod generated;
 
 pub(crate) use cad::{CadOptions, cad_mesh};
-pub(crate) use filling::TetFilling;
+pub(crate) use filling::{TetFilling, outer_mesh};
 use generated::{box_scaffold, filling_cubes};
 
 /// Chordal error of the scaffold's curved outer faces, voxels.
@@ -115,13 +116,14 @@ pub(crate) struct CheckedScaffold {
 pub(crate) fn load(
     files: &mut InputFiles,
     section: &ScaffoldSection,
+    progress: &dyn Progress,
 ) -> Result<LoadedScaffold, RunError> {
     let key = cache_key(files.recipe, section);
     let checked = files.kept(
         |cache| &cache.scaffolds,
         key,
         |files| {
-            let source = divided_scaffold(files, section, &Pose::current(files.recipe))?;
+            let source = divided_scaffold(files, section, &Pose::current(files.recipe), progress)?;
             let mut report = validate(files, &source.scaffold, source.path.as_deref())?;
             report.notes = source.notes;
             Ok(CheckedScaffold {
@@ -139,7 +141,7 @@ pub(crate) fn load(
     };
     // The velocity needs the scaffold at other frames, read and divided in the same way.
     let motion = node_motion(files, section, here, |files, pose| {
-        let other = divided_scaffold(files, section, pose)?;
+        let other = divided_scaffold(files, section, pose, progress)?;
         Ok((other.scaffold, other.node_numbers))
     })?;
     Ok(LoadedScaffold {
@@ -169,8 +171,9 @@ fn divided_scaffold(
     files: &mut InputFiles,
     section: &ScaffoldSection,
     pose: &Pose,
+    progress: &dyn Progress,
 ) -> Result<SourceScaffold, RunError> {
-    let mut source = source_scaffold(files, section, pose)?;
+    let mut source = source_scaffold(files, section, pose, progress)?;
     let path = source.path.clone();
     let fail = |e: ScaffoldError| failed(path.as_deref(), &e);
     // Files are deformed where they are read; here generated shapes are.
@@ -217,6 +220,7 @@ fn source_scaffold(
     files: &mut InputFiles,
     section: &ScaffoldSection,
     pose: &Pose,
+    progress: &dyn Progress,
 ) -> Result<SourceScaffold, RunError> {
     let scale = files.recipe.scale();
     let made = |s: Result<Scaffold, ScaffoldError>| {
@@ -253,12 +257,7 @@ fn source_scaffold(
                 cell: fill.cell_size.resolve(scale),
                 order: fill.order.map(|o| o.0),
             };
-            let filling =
-                TetFilling::new(&solid, options).map_err(|message| RunError::Scaffold {
-                    file: None,
-                    element: None,
-                    message,
-                })?;
+            let filling = TetFilling::new(&solid, options, progress)?;
             for message in filling.warnings {
                 files.warn(TetFilling::CODE, message)?;
             }
@@ -279,14 +278,17 @@ fn source_scaffold(
     };
     let path = pose.path(files.recipe, file);
     let fail = |e: ScaffoldError| failed(Some(&path), &e);
-    let read = read_part(&path, section, files.recipe)?;
+    let read = read_part(&path, section, files.recipe, progress)?;
     for warning in read.warnings() {
         files.warn(Warning::SCAFFOLD, format!("scaffold: {warning}"))?;
     }
     let notes = read.notes().to_vec();
     let source = match read {
         ElementFile::Solids(read) => {
-            // A thickness belongs to a surface.
+            let thin = TetFilling::thin(&read.scaffold).filter(|_| is_cad(&path));
+            if let Some(message) = thin {
+                files.warn(TetFilling::CODE, message)?;
+            }
             if section.shell.is_some() || section.plate.is_some() {
                 return Err(RunError::Scaffold {
                     file: Some(path),
@@ -378,6 +380,7 @@ fn read_part(
     path: &Path,
     section: &ScaffoldSection,
     recipe: &Recipe,
+    progress: &dyn Progress,
 ) -> Result<ElementFile, RunError> {
     let Some(cell) = section.cell_size.filter(|_| is_cad(path)) else {
         return Ok(crate::io::read_elements(path)?);
@@ -386,11 +389,7 @@ fn read_part(
         cell: cell.resolve(recipe.scale()),
         order: section.order.map_or(2, |o| o.0),
     };
-    let mesh = cad_mesh(path, options).map_err(|message| RunError::Scaffold {
-        file: Some(path.to_owned()),
-        element: None,
-        message,
-    })?;
+    let mesh = cad_mesh(path, options, progress)?;
     Ok(crate::io::read_elements(mesh)?)
 }
 

@@ -10,6 +10,7 @@ use creases::Creases;
 use delaunay::Delaunay;
 use druse_geometry::frame::Vec3;
 use druse_geometry::mesh::MeshSolid;
+use druse_geometry::progress::{Cancelled, Progress};
 use improve::{TetMesh, quality};
 use nodes::{Bins, Nodes, Part, Site};
 use rayon::prelude::*;
@@ -60,8 +61,12 @@ impl Scaffold {
     ///
     /// # Errors
     /// [`ScaffoldError::BadRound`] for a cell without size or an empty solid, [`ScaffoldError::TooMany`],
-    /// [`ScaffoldError::Empty`] where nothing is inside.
-    pub fn filled(solid: &MeshSolid, options: FillOptions) -> Result<Filled, ScaffoldError> {
+    /// [`ScaffoldError::Empty`] where nothing is inside, [`ScaffoldError::Cancelled`].
+    pub fn filled(
+        solid: &MeshSolid,
+        options: FillOptions,
+        progress: &dyn Progress,
+    ) -> Result<Filled, ScaffoldError> {
         let (bounds, cell) = (solid.bounds(), options.cell);
         if !(cell.is_finite() && cell > 0.0) || bounds.is_empty() {
             return Err(ScaffoldError::BadRound {
@@ -79,8 +84,16 @@ impl Scaffold {
         }
         // Creases, then nodes, then tets and added nodes, then better tets, then curved edges.
         let creases = Creases::of(solid);
-        let nodes = Nodes::of(solid, &creases, cell);
-        let body = Body::of(solid, &creases, nodes, MIN_PART_LENGTH * cell);
+        let nodes = Nodes::of(solid, &creases, cell, progress)?;
+        let body = Body {
+            solid,
+            nodes,
+            tets: Vec::new(),
+            least: MIN_PART_LENGTH * cell,
+            outer_edges: HashSet::new(),
+            progress,
+        };
+        let body = body.meshed(&creases)?;
         if body.tets.is_empty() {
             return Err(ScaffoldError::Empty);
         }
@@ -88,14 +101,14 @@ impl Scaffold {
         // Edges along creases are kept while tets are improved.
         let edges = body.crease_edges();
         let mut tets = TetMesh::new(body.nodes.all, body.tets, edges, solid, &creases);
-        tets.improve();
+        tets.improve(progress)?;
         let (mut nodes, tets, edges) = tets.finished();
         let body = curve::StraightBody {
             nodes: &mut nodes,
             tets: &tets,
             crease_edges: &edges,
         };
-        let curved = curve::curved(solid, &creases, body, options.order)?;
+        let curved = curve::curved(solid, &creases, body, options.order, progress)?;
         Ok(Filled {
             scaffold: curved.scaffold,
             straight: curved.straight,
@@ -131,29 +144,30 @@ struct Body<'a> {
     least: f64,
     /// Edges of the outer faces, ascending.
     outer_edges: HashSet<[u32; 2]>,
+    progress: &'a dyn Progress,
 }
 
-impl<'a> Body<'a> {
-    /// Builds the tets of the nodes that lie inside, and adds nodes until their outer faces follow the surface. `least`
-    /// is that of [`Self::least`]. At most [`MAX_ROUNDS`] rounds; what is then not met is reported as lost.
-    fn of(solid: &'a MeshSolid, creases: &Creases, nodes: Nodes, least: f64) -> Self {
-        let mut mesh = Delaunay::new(&solid.bounds());
+impl Body<'_> {
+    /// Makes the tets between the nodes, and adds nodes where they leave the surface.
+    fn meshed(self, creases: &Creases) -> Result<Self, Cancelled> {
+        let mut body = self;
+        let bounds = body.solid.bounds();
+        let mut mesh = Delaunay::new(&bounds);
         // The node of each point of the mesh: equal places are one point.
         let mut node_of: Vec<u32> = Vec::new();
-        let mut order: Vec<u32> = (0..nodes.all.len() as u32).collect();
-        let (low, size) = (solid.bounds().min, solid.bounds().size().amax());
+        let mut order: Vec<u32> = (0..body.nodes.all.len() as u32).collect();
+        let (low, size) = (bounds.min, bounds.size().amax());
         // Along a curve that fills space, so that each search is short.
-        order.par_sort_by_cached_key(|&n| morton((nodes.place(n) - low) / size));
-        let mut body = Self {
-            solid,
-            nodes,
-            tets: Vec::new(),
-            least,
-            outer_edges: HashSet::new(),
-        };
+        order.par_sort_by_cached_key(|&n| morton((body.nodes.place(n) - low) / size));
+        let progress = body.progress;
+        progress.stage("tets", Some(order.len() as u64));
         let mut last = 0;
         for round in 0..=MAX_ROUNDS {
             for n in order.drain(..) {
+                if progress.cancelled() {
+                    return Err(Cancelled);
+                }
+                progress.advance(1);
                 if mesh.insert(body.nodes.place(n)) {
                     node_of.push(n);
                 }
@@ -180,6 +194,10 @@ impl<'a> Body<'a> {
                 break;
             }
             order = body.added(creases, &faces);
+            // The searches above end early then, and leave part of the work.
+            if progress.cancelled() {
+                return Err(Cancelled);
+            }
             // More nodes from round to round: the surface is too ragged for these cells.
             let is_diverging = round > 2 && order.len() > last;
             last = order.len();
@@ -187,11 +205,14 @@ impl<'a> Body<'a> {
                 break;
             }
         }
-        body
+        Ok(body)
     }
 
     /// Whether a tet belongs to the body.
     fn is_inside(&self, tet: [u32; 4]) -> bool {
+        if self.progress.cancelled() {
+            return false;
+        }
         let inner = tet
             .iter()
             .filter(|&&n| self.nodes.all[n as usize].site == Site::Inside)
@@ -227,12 +248,15 @@ impl<'a> Body<'a> {
                 new.push(self.nodes.halve(part, creases));
             }
         }
-        let solid = self.solid;
+        let (solid, progress) = (self.solid, self.progress);
         // The centre of each outer face and, once for the two faces there, the middle of each edge.
         let crease_edges = self.crease_edges();
         let places: Vec<[Option<(Vec3, f64)>; 4]> = faces
             .par_iter()
             .map(|(face, _)| {
+                if progress.cancelled() {
+                    return [None; 4];
+                }
                 let corners = face.map(|n| self.nodes.place(n));
                 let [a, b, c] = corners;
                 let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
@@ -308,7 +332,10 @@ mod tests {
     use super::*;
     use druse_geometry::frame::Aabb;
     use druse_geometry::mesh::TriMesh;
+    use druse_geometry::progress::Silent;
     use nalgebra::Rotation3;
+    use std::sync::Mutex;
+    use std::sync::atomic::{AtomicI64, Ordering};
 
     /// A box turned and placed against the lattice in one of many ways.
     fn turned_block(way: u32, size: Vec3) -> TriMesh {
@@ -320,7 +347,7 @@ mod tests {
 
     fn filled(mesh: &TriMesh, cell: f64, order: Option<u32>) -> Scaffold {
         let options = FillOptions { cell, order };
-        let filled = Scaffold::filled(&MeshSolid::new(mesh.clone()), options).unwrap();
+        let filled = Scaffold::filled(&MeshSolid::new(mesh.clone()), options, &Silent).unwrap();
         assert!(filled.lost.is_empty() && filled.straight.is_empty());
         let report = filled.scaffold.validate().unwrap();
         assert!(report.warnings().is_empty() && report.components == 1);
@@ -376,11 +403,67 @@ mod tests {
         assert_eq!(one.connectivity(), three.connectivity());
     }
 
+    /// Cancels after a number of checks, and keeps the stages' names and what they have left.
+    struct EndsEarly {
+        checks: AtomicI64,
+        stages: Mutex<Vec<(String, i64)>>,
+    }
+
+    impl Progress for EndsEarly {
+        fn stage(&self, name: &str, total: Option<u64>) {
+            let mut stages = self.stages.lock().unwrap();
+            stages.push((name.into(), total.unwrap() as i64));
+        }
+        fn advance(&self, n: u64) {
+            self.stages.lock().unwrap().last_mut().unwrap().1 -= n as i64;
+        }
+        fn cancelled(&self) -> bool {
+            self.checks.fetch_sub(1, Ordering::Relaxed) <= 0
+        }
+    }
+
+    #[test]
+    fn a_filling_shows_its_stages_and_ends_in_each_of_them() {
+        let solid = MeshSolid::new(TriMesh::ball(Vec3::zeros(), 2.0, 3));
+        let fill = |checks: i64| {
+            let progress = EndsEarly {
+                checks: AtomicI64::new(checks),
+                stages: Mutex::default(),
+            };
+            let options = FillOptions {
+                cell: 0.7,
+                order: Some(2),
+            };
+            let filled = Scaffold::filled(&solid, options, &progress);
+            let used = checks - progress.checks.into_inner();
+            (filled, progress.stages.into_inner().unwrap(), used)
+        };
+        let (whole, stages, total) = fill(i64::MAX);
+        assert!(whole.is_ok());
+        let names: Vec<&str> = stages.iter().map(|s| &*s.0).collect();
+        assert_eq!(names, ["faces", "inside", "tets", "improve", "curve"]);
+        // All but improvement, which may end early, are counted to the end; nodes are added to those of the tets.
+        for n in [0, 1, 4] {
+            assert_eq!(stages[n].1, 0, "{stages:?}");
+        }
+        let mut ended = BTreeSet::new();
+        for share in 0..40 {
+            let (cancelled, stages, _) = fill(total * share / 40);
+            let is_cancelled = matches!(cancelled, Err(ScaffoldError::Cancelled(_)));
+            assert!(is_cancelled, "{share}: {stages:?}");
+            ended.insert(stages.last().unwrap().0.clone());
+        }
+        assert!(
+            ended.contains("faces") && ended.contains("tets"),
+            "{ended:?}"
+        );
+    }
+
     #[test]
     fn nothing_is_filled_with_nothing() {
         let fill = |mesh: TriMesh, cell| {
             let options = FillOptions { cell, order: None };
-            Scaffold::filled(&MeshSolid::new(mesh), options).unwrap_err()
+            Scaffold::filled(&MeshSolid::new(mesh), options, &Silent).unwrap_err()
         };
         let block = turned_block(1, Vec3::repeat(1.0));
         assert!(matches!(

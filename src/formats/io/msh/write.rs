@@ -62,22 +62,16 @@ fn write(file: &mut impl Write, scaffold: &Scaffold) -> std::io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use druse_geometry::frame::{Aabb, Vec3};
-    use druse_geometry::mesh::{MeshSolid, TriMesh};
-    use druse_tilings::scaffold::FillOptions;
+    use druse_geometry::frame::Vec3;
 
     #[test]
     fn written_tets_are_read_as_they_were() {
         let folder = tempfile::tempdir().unwrap();
-        let size = Vec3::new(3.0, 2.0, 1.0);
-        let block = MeshSolid::new(TriMesh::cuboid(&Aabb::of([Vec3::zeros(), size])));
-        for order in [1, 2] {
-            let options = FillOptions {
-                cell: 2.0,
-                order: Some(order),
-            };
-            let made = Scaffold::filled(&block, options).unwrap().scaffold;
-            let path = folder.path().join("block.msh");
+        let straight = Scaffold::box_grid(Vec3::new(3.0, 2.0, 1.0), [2, 2, 1], Kind::Tet4);
+        let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/scaffold");
+        let curved = crate::io::read_scaffold(data.join("tet10_41_ascii.msh"));
+        for made in [straight.unwrap(), curved.unwrap().scaffold] {
+            let path = folder.path().join("tets.msh");
             write_msh(&path, &made).unwrap();
             let read = crate::io::read_scaffold(&path).unwrap().scaffold;
             assert_eq!(read.len(), made.len());

@@ -3,9 +3,15 @@
 //! Druse runs gmsh as a child and keeps the mesh under the hash of the part and the options, so that the next run
 //! reads it at once: in `$XDG_CACHE_HOME/druse`, else `~/.cache/druse`, else the folder for temporary files.
 
+use crate::io::ReadError;
 use crate::io::atomic::write_bytes;
+use crate::pipeline::base::error::RunError;
+use crate::progress::{Cancelled, Progress};
+use std::collections::BTreeMap;
+use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::time::Duration;
 
 /// How a part is meshed.
 #[derive(Clone, Copy, Debug)]
@@ -18,65 +24,186 @@ pub(crate) struct CadOptions {
 
 /// Most lines of gmsh that an error repeats.
 const MAX_LINES: usize = 3;
+/// How often the end of gmsh and a cancellation are looked for.
+const POLL: Duration = Duration::from_millis(20);
 
-/// The path of a part's mesh (`.msh`), from the cache or made now. The part's file is not changed.
+/// The mesh of a part, from the cache or made now. Solids with names are its groups.
 ///
 /// # Errors
-/// Text: the part cannot be read, gmsh is not installed, or cannot mesh the part, in its own words.
-pub(crate) fn cad_mesh(part: &Path, options: CadOptions) -> Result<PathBuf, String> {
+/// The part cannot be read, gmsh is not installed, or cannot mesh the part, in its own words.
+pub(crate) fn cad_mesh(
+    part: &Path,
+    options: CadOptions,
+    progress: &dyn Progress,
+) -> Result<PathBuf, RunError> {
     let shown = part.display();
-    let bytes = std::fs::read(part).map_err(|e| format!("{shown}: {e}"))?;
+    let failed = |message: String| RunError::Scaffold {
+        file: Some(part.to_owned()),
+        element: None,
+        message,
+    };
+    let bytes = std::fs::read(part).map_err(|e| ReadError::io(part, e))?;
     let mut hash = blake3::Hasher::new();
     hash.update(&bytes);
-    hash.update(format!("{options:?}").as_bytes());
+    hash.update(format!("groups {options:?}").as_bytes());
     let folder = cache_folder();
     let mesh = folder.join(format!("{}.msh", hash.finalize().to_hex()));
     if mesh.is_file() {
         return Ok(mesh);
     }
-    std::fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    let io = |e: std::io::Error| failed(format!("{}: {e}", folder.display()));
+    std::fs::create_dir_all(&folder).map_err(io)?;
     // gmsh writes beside, so that a run which ends early leaves no half mesh.
-    let work = tempfile::tempdir_in(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-    let made = work.path().join("part.msh");
-    let size = options.cell.to_string();
-    let order = options.order.to_string();
-    let child = Command::new("gmsh")
-        .arg(std::path::absolute(part).map_err(|e| format!("{shown}: {e}"))?)
-        // Volumes (-3) as binary MSH 4.1, warnings only (-v 2); at least 6 elements on a full circle of a curved
-        // face.
-        .args(["-3", "-format", "msh41", "-bin", "-v", "2"])
-        .args(["-order", &order, "-clmax", &size])
-        .args(["-setnumber", "Mesh.MeshSizeFromCurvature", "6"])
-        .args(["-setnumber", "Mesh.HighOrderOptimize", "1"])
-        .arg("-o")
-        .arg(&made)
-        .stdin(Stdio::null())
-        .output();
-    let output = match child {
-        Ok(output) => output,
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-            return Err(format!(
-                "{shown} is a CAD part, which the program gmsh meshes; it is not on PATH: \
-                 apt-get install gmsh, or pip install gmsh"
-            ));
-        }
-        Err(e) => return Err(format!("gmsh does not start: {e}")),
+    let work = tempfile::tempdir_in(&folder).map_err(io)?;
+    let gmsh = Gmsh {
+        folder: work.path(),
+        progress,
     };
-    let words = [&output.stdout[..], &output.stderr[..]].concat();
-    let words = String::from_utf8_lossy(&words);
-    let is_fault = |l: &&str| l.starts_with("Error") || l.starts_with("Fatal");
-    let faults: Vec<&str> = words.lines().filter(is_fault).take(MAX_LINES).collect();
-    if !output.status.success() || !faults.is_empty() || !made.is_file() {
+    progress.stage("gmsh", None);
+    let source = std::path::absolute(part).map_err(io)?;
+    let named = gmsh.with_groups(&source).map_err(|e| e.of(part))?;
+    let made = work.path().join("part.msh");
+    let mut command = Command::new("gmsh");
+    command
+        .arg(named.as_ref().unwrap_or(&source))
+        .args(["-3", "-format", "msh41", "-bin", "-v", "2", "-save_all"])
+        .args(["-order", &options.order.to_string()])
+        .args(["-clmax", &options.cell.to_string()])
+        .args(["-setnumber", "Mesh.MeshSizeFromCurvature", "6"])
+        .args(["-setnumber", "Mesh.HighOrderOptimize", "1"]);
+    gmsh.write(command, &made).map_err(|e| e.of(part))?;
+    let bytes = std::fs::read(&made).map_err(|e| failed(format!("{shown}: {e}")))?;
+    write_bytes(&mesh, &bytes)?;
+    Ok(mesh)
+}
+
+/// Why gmsh wrote no file.
+enum GmshFault {
+    Cancelled,
+    Failed(String),
+}
+
+impl GmshFault {
+    fn of(self, part: &Path) -> RunError {
+        match self {
+            Self::Cancelled => Cancelled.into(),
+            Self::Failed(message) => RunError::Scaffold {
+                file: Some(part.to_owned()),
+                element: None,
+                message,
+            },
+        }
+    }
+}
+
+/// The program gmsh, with a folder for its files.
+struct Gmsh<'a> {
+    folder: &'a Path,
+    progress: &'a dyn Progress,
+}
+
+impl Gmsh<'_> {
+    /// Runs a command that writes a file, until the file is written or the user cancels.
+    fn write(&self, mut command: Command, output: &Path) -> Result<(), GmshFault> {
+        let fault = |e: std::io::Error| match e.kind() {
+            std::io::ErrorKind::NotFound => GmshFault::Failed(
+                "it is a CAD part, which the program gmsh meshes; gmsh is not on PATH: \
+                 apt-get install gmsh, or pip install gmsh"
+                    .into(),
+            ),
+            _ => GmshFault::Failed(format!("gmsh does not start: {e}")),
+        };
+        // A file takes any number of words, where a pipe would fill.
+        let words = self.folder.join("words.txt");
+        let io = |e: std::io::Error| GmshFault::Failed(format!("{}: {e}", words.display()));
+        let log = std::fs::File::create(&words).map_err(io)?;
+        command
+            .arg("-o")
+            .arg(output)
+            .stdin(Stdio::null())
+            .stdout(log.try_clone().map_err(io)?)
+            .stderr(log);
+        let mut child = command.spawn().map_err(fault)?;
+        let status = loop {
+            if let Some(status) = child.try_wait().map_err(io)? {
+                break status;
+            }
+            if self.progress.cancelled() {
+                // A child that has ended by itself is no fault.
+                let _ = child.kill();
+                let _ = child.wait();
+                return Err(GmshFault::Cancelled);
+            }
+            std::thread::sleep(POLL);
+        };
+        let words = String::from_utf8_lossy(&std::fs::read(&words).map_err(io)?).into_owned();
+        let is_fault = |l: &&str| l.starts_with("Error") || l.starts_with("Fatal");
+        let faults: Vec<&str> = words.lines().filter(is_fault).take(MAX_LINES).collect();
+        if status.success() && faults.is_empty() && output.is_file() {
+            return Ok(());
+        }
         let cause = if faults.is_empty() {
-            output.status.to_string()
+            status.to_string()
         } else {
             faults.join("; ")
         };
-        return Err(format!("gmsh cannot mesh {shown}: {cause}"));
+        let hint = if cause.contains("Optimization failed") {
+            "; order = 1 needs no curved tets, and smaller cells are bent less"
+        } else {
+            ""
+        };
+        Err(GmshFault::Failed(format!(
+            "gmsh cannot mesh the part: {cause}{hint}"
+        )))
     }
-    let bytes = std::fs::read(&made).map_err(|e| format!("{}: {e}", made.display()))?;
-    write_bytes(&mesh, &bytes).map_err(|e| e.to_string())?;
-    Ok(mesh)
+
+    /// A file that reads the part and makes groups of its named solids; `None` where none has a name.
+    fn with_groups(&self, part: &Path) -> Result<Option<PathBuf>, GmshFault> {
+        // A set of nodes for each solid, empty without a mesh: the sets have the names of the solids.
+        let sets = self.folder.join("names.inp");
+        let mut command = Command::new("gmsh");
+        command
+            .arg(part)
+            .args(["-0", "-format", "inp", "-v", "2"])
+            .args(["-setnumber", "Mesh.SaveGroupsOfNodes", "-3"]);
+        self.write(command, &sets)?;
+        let io = |e: std::io::Error| GmshFault::Failed(format!("{}: {e}", sets.display()));
+        let sets = String::from_utf8_lossy(&std::fs::read(&sets).map_err(io)?).into_owned();
+        let groups = groups(&sets);
+        let path = part.to_str().filter(|p| !p.contains(['"', '\n']));
+        let Some(path) = path.filter(|_| !groups.is_empty()) else {
+            return Ok(None);
+        };
+        let mut text = format!("Merge \"{path}\";\n");
+        for (name, solids) in groups {
+            let solids: Vec<String> = solids.iter().map(usize::to_string).collect();
+            let _ = writeln!(
+                text,
+                "Physical Volume(\"{name}\") = {{{}}};",
+                solids.join(", ")
+            );
+        }
+        let file = self.folder.join("part.geo");
+        std::fs::write(&file, text).map_err(io)?;
+        Ok(Some(file))
+    }
+}
+
+/// The numbers of the solids of each name. A solid in an assembly has a path of names, the last one is its own;
+/// gmsh may add a material.
+fn groups(sets: &str) -> BTreeMap<String, Vec<usize>> {
+    let mut groups: BTreeMap<String, Vec<usize>> = BTreeMap::new();
+    let names = sets.lines().filter_map(|l| l.strip_prefix("*NSET,NSET="));
+    for (number, path) in (1..).zip(names) {
+        let own = path.split("_&_").next().unwrap_or(path);
+        let name = own.rsplit('/').next().unwrap_or(own);
+        // Without a name gmsh writes the number.
+        let is_named = own.contains('/') && !name.is_empty() && !name.contains(['"', '\\']);
+        if is_named {
+            groups.entry(name.to_owned()).or_default().push(number);
+        }
+    }
+    groups
 }
 
 /// The folder of kept meshes, by the environment; it may not exist yet.
@@ -88,4 +215,23 @@ fn cache_folder() -> PathBuf {
     };
     let cache = set("XDG_CACHE_HOME").or_else(|| set("HOME").map(|h| h.join(".cache")));
     cache.unwrap_or_else(std::env::temp_dir).join("druse")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn solids_of_one_name_are_one_group() {
+        let sets = "*Heading\n x\n*NSET,NSET=Shapes/as1/NUT::1/nut\n\n*NSET,NSET=Volume2\n\n\
+                    *NSET,NSET=Shapes/as1/NUT::2/nut_&_steel\n\n*NSET,NSET=Shapes/\n*NSET,NSET=Shapes/base_plate\n";
+        let found: Vec<(String, Vec<usize>)> = groups(sets).into_iter().collect();
+        assert_eq!(
+            found,
+            [
+                ("base_plate".to_owned(), vec![5]),
+                ("nut".to_owned(), vec![1, 3])
+            ]
+        );
+    }
 }

@@ -3,8 +3,9 @@
 
 use crate::frame::{Vec3, place_figures};
 use crate::mesh::{MeshSolid, TriMesh, mesh_components};
-use crate::pipeline::base::error::short_number;
+use crate::pipeline::base::error::{RunError, short_number};
 use crate::pipeline::base::warning::Warning;
+use crate::progress::{CancelOnly, Cancelled, Progress};
 use crate::scaffold::{FillOptions, Filled, Scaffold, ScaffoldError};
 use rayon::prelude::*;
 
@@ -33,19 +34,57 @@ impl TetFilling {
     /// warnings.
     ///
     /// # Errors
-    /// Text: no tets can be made, or they form more components than the mesh has.
-    pub fn new(solid: &MeshSolid, options: FillOptions) -> Result<Self, String> {
-        let filled = Scaffold::filled(solid, options).map_err(|e| e.to_string())?;
+    /// [`RunError::Scaffold`] where no tets can be made, or they form more components than the mesh has;
+    /// [`RunError::Cancelled`].
+    pub fn new(
+        solid: &MeshSolid,
+        options: FillOptions,
+        progress: &dyn Progress,
+    ) -> Result<Self, RunError> {
+        let filled = Scaffold::filled(solid, options, progress).map_err(fault)?;
         let (found, expected) = (filled.scaffold.components().len(), component_count(solid));
         if found > expected {
             let tets = filled.scaffold.len();
-            return Err(torn(solid, options, tets, found, expected));
+            let message = torn(solid, options, tets, found, expected, progress);
+            if progress.cancelled() {
+                return Err(Cancelled.into());
+            }
+            return Err(bad(message));
         }
-        let warnings = warnings(solid, &filled, options.cell).map_err(|e| e.to_string())?;
+        let warnings = warnings(solid, &filled, options.cell, progress).map_err(fault)?;
         Ok(Self {
             scaffold: filled.scaffold,
             warnings,
         })
+    }
+
+    /// A warning on the thin tets of a scaffold.
+    pub fn thin(scaffold: &Scaffold) -> Option<String> {
+        let qualities = scaffold.elements().map(|e| e.quality());
+        let (count, worst) = qualities.fold((0, 1.0), |(count, least): (usize, f64), q| {
+            (count + usize::from(q < POOR), least.min(q))
+        });
+        (count > 0).then(|| {
+            format!(
+                "scaffold: {count} tets are thin, the worst of quality {}; a smaller cell_size may help",
+                short_number(worst)
+            )
+        })
+    }
+}
+
+fn bad(message: String) -> RunError {
+    RunError::Scaffold {
+        file: None,
+        element: None,
+        message,
+    }
+}
+
+fn fault(error: ScaffoldError) -> RunError {
+    match error {
+        ScaffoldError::Cancelled(c) => c.into(),
+        e => bad(e.to_string()),
     }
 }
 
@@ -62,8 +101,9 @@ fn torn(
     tets: usize,
     found: usize,
     expected: usize,
+    progress: &dyn Progress,
 ) -> String {
-    // The number of tets grows with the cube of the refinement.
+    progress.stage("smaller", None);
     let mut tried = SMALLER
         .into_iter()
         .take_while(|s| tets as f64 / s.powi(3) < MAX_TRIED_TETS);
@@ -71,7 +111,11 @@ fn torn(
     let has_tried_all = tets as f64 / SMALLER[1].powi(3) < MAX_TRIED_TETS;
     let smaller = tried.find_map(|s| {
         let cell = s * options.cell;
-        let filled = Scaffold::filled(solid, FillOptions { cell, ..options });
+        let filled = Scaffold::filled(
+            solid,
+            FillOptions { cell, ..options },
+            &CancelOnly(progress),
+        );
         let is_whole = filled.is_ok_and(|f| f.scaffold.components().len() <= expected);
         is_whole.then_some(cell)
     });
@@ -87,7 +131,7 @@ fn torn(
 }
 
 /// The faces of all components as one mesh.
-fn outer_mesh(scaffold: &Scaffold, error: f64) -> Result<MeshSolid, ScaffoldError> {
+pub(crate) fn outer_mesh(scaffold: &Scaffold, error: f64) -> Result<TriMesh, ScaffoldError> {
     let mut whole = TriMesh::default();
     for n in 0..scaffold.components().len() {
         let boundary = scaffold.boundary(n, error).mesh;
@@ -98,12 +142,15 @@ fn outer_mesh(scaffold: &Scaffold, error: f64) -> Result<MeshSolid, ScaffoldErro
                 what: "vertices of outer faces",
             })?;
     }
-    Ok(MeshSolid::new(whole))
+    Ok(whole)
 }
 
-/// Warnings on tets that fill a mesh: edges that are lost or straight, thin tets, and the distance
-/// by which the tets leave the mesh. `cell` is the requested edge of a tet.
-fn warnings(solid: &MeshSolid, filled: &Filled, cell: f64) -> Result<Vec<String>, ScaffoldError> {
+fn warnings(
+    solid: &MeshSolid,
+    filled: &Filled,
+    cell: f64,
+    progress: &dyn Progress,
+) -> Result<Vec<String>, ScaffoldError> {
     let mut warnings = Vec::new();
     let mut places = |places: &[Vec3], what: &str| {
         if let Some(&first) = places.first() {
@@ -122,22 +169,16 @@ fn warnings(solid: &MeshSolid, filled: &Filled, cell: f64) -> Result<Vec<String>
         &filled.straight,
         "edges of tets stay straight on a curved surface, because a tet would fold",
     );
-    let qualities = filled.scaffold.elements().map(|e| e.quality());
-    let worst = qualities.fold((0, 1.0), |(count, least): (usize, f64), q| {
-        (count + usize::from(q < POOR), least.min(q))
-    });
-    if worst.0 > 0 {
-        warnings.push(format!(
-            "scaffold: {} tets are thin, the worst of quality {}; a smaller cell_size may help",
-            worst.0,
-            short_number(worst.1)
-        ));
-    }
-    let outer = outer_mesh(&filled.scaffold, CHORDAL_ERROR * cell)?;
+    warnings.extend(TetFilling::thin(&filled.scaffold));
+    let outer = MeshSolid::new(outer_mesh(&filled.scaffold, CHORDAL_ERROR * cell)?);
     let surface: Vec<[Vec3; 3]> = solid.surface().map(|(c, _)| c).collect();
-    // The mesh is compared at its corners.
+    progress.stage("compare", Some(surface.len() as u64));
     let off = surface
         .par_iter()
+        .filter(|_| {
+            progress.advance(1);
+            !progress.cancelled()
+        })
         .flat_map_iter(|c| c.iter())
         .map(|&p| (outer.closest(p).distance, p));
     // The first of equally far ones, at any number of threads.
@@ -148,6 +189,9 @@ fn warnings(solid: &MeshSolid, filled: &Filled, cell: f64) -> Result<Vec<String>
             _ => a,
         },
     );
+    if progress.cancelled() {
+        return Err(Cancelled.into());
+    }
     if worst.0 > WORTH_A_WARNING * cell {
         let mut message = format!(
             "scaffold: the tets leave the mesh by up to {}, at ({})",

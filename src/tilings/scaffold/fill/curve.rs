@@ -10,6 +10,7 @@ use super::nodes::{Node, Site};
 use super::{Connectivity, Kind, Scaffold, ScaffoldError, outer_faces};
 use druse_geometry::frame::Vec3;
 use druse_geometry::mesh::MeshSolid;
+use druse_geometry::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -46,6 +47,7 @@ pub(super) fn curved(
     creases: &Creases,
     body: StraightBody<'_>,
     order: Option<u32>,
+    progress: &dyn Progress,
 ) -> Result<Curved, ScaffoldError> {
     let StraightBody {
         nodes,
@@ -63,9 +65,14 @@ pub(super) fn curved(
             .map(|[a, b]| [a.min(b), a.max(b)])
             .collect();
         let edges: Vec<[u32; 2]> = edges.into_iter().collect();
+        progress.stage("curve", Some(edges.len() as u64));
         let places: Vec<Option<Vec3>> = edges
             .par_iter()
             .map(|&[a, b]| {
+                progress.advance(1);
+                if progress.cancelled() {
+                    return None;
+                }
                 let (middle, length) = ((at(a) + at(b)) / 2.0, (at(b) - at(a)).norm());
                 let place = if crease_edges.contains(&[a, b]) {
                     let line = [a, b]
@@ -84,6 +91,9 @@ pub(super) fn curved(
             .collect();
         let all = edges.into_iter().zip(places);
         moved = all.filter_map(|(e, p)| Some((e, p?))).collect();
+        if progress.cancelled() {
+            return Err(Cancelled.into());
+        }
     }
     let mut elements = Connectivity::default();
     let mut all: Vec<Vec3> = nodes.iter().map(|n| n.place).collect();

@@ -9,6 +9,7 @@ use super::creases::Creases;
 use super::nodes::{Node, Site};
 use druse_geometry::frame::Vec3;
 use druse_geometry::mesh::MeshSolid;
+use druse_geometry::progress::{Cancelled, Progress};
 use std::collections::BTreeSet;
 
 /// Tets below this quality are improved.
@@ -150,16 +151,23 @@ impl<'a> TetMesh<'a> {
         }
     }
 
-    /// Improves tets until none changes or the rounds are over. In each round bad tets are exchanged first, then their
-    /// nodes moved. Removed tets are dropped at the end.
-    pub(super) fn improve(&mut self) {
-        for _ in 0..ROUNDS {
+    /// Improves tets until none changes or the rounds are over.
+    pub(super) fn improve(&mut self, progress: &dyn Progress) -> Result<(), Cancelled> {
+        for round in 0..ROUNDS {
             let bad: Vec<u32> = (0..self.tets.len() as u32)
                 .filter(|&t| self.is_bad(t))
                 .collect();
+            // At most: later rounds have fewer bad tets, and the last ones are seldom needed.
+            if round == 0 {
+                progress.stage("improve", Some((ROUNDS * bad.len()) as u64));
+            }
             let mut changes = 0;
             // An exchange may have improved a tet that comes later.
             for &t in &bad {
+                if progress.cancelled() {
+                    return Err(Cancelled);
+                }
+                progress.advance(1);
                 if self.is_bad(t) && self.exchange(t) {
                     changes += 1;
                 }
@@ -170,6 +178,9 @@ impl<'a> TetMesh<'a> {
                 .filter(|&n| n != u32::MAX)
                 .collect();
             for n in nodes {
+                if progress.cancelled() {
+                    return Err(Cancelled);
+                }
                 if self.smooth(n) {
                     changes += 1;
                 }
@@ -180,6 +191,7 @@ impl<'a> TetMesh<'a> {
             }
         }
         self.tets.retain(|t| *t != REMOVED_TET);
+        Ok(())
     }
 
     /// Whether a tet exists and has less than a good quality.

@@ -9,6 +9,7 @@
 use super::creases::{Creases, normal};
 use druse_geometry::frame::{Aabb, Vec3};
 use druse_geometry::mesh::{Bvh, MeshSolid};
+use druse_geometry::progress::{Cancelled, Progress};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -141,9 +142,13 @@ pub(super) struct Nodes {
 }
 
 impl Nodes {
-    /// Places nodes about `cell` apart. Those on creases come first, then those on faces, then those inside; near short
-    /// edges of creases they are closer.
-    pub(super) fn of(solid: &MeshSolid, creases: &Creases, cell: f64) -> Self {
+    /// Places nodes about `cell` apart.
+    pub(super) fn of(
+        solid: &MeshSolid,
+        creases: &Creases,
+        cell: f64,
+        progress: &dyn Progress,
+    ) -> Result<Self, Cancelled> {
         let mut nodes = Self {
             all: Vec::new(),
             parts: Vec::new(),
@@ -160,9 +165,9 @@ impl Nodes {
         for n in 0..nodes.all.len() as u32 {
             bins.add(nodes.place(n), n);
         }
-        nodes.add_faces(solid, creases, &sizes, &mut bins);
-        nodes.add_inside(solid, &sizes, &mut bins);
-        nodes
+        nodes.add_faces((solid, creases), &sizes, &mut bins, progress)?;
+        nodes.add_inside(solid, &sizes, &mut bins, progress)?;
+        Ok(nodes)
     }
 
     /// The place of a node, world coordinates.
@@ -289,10 +294,16 @@ impl Nodes {
         }
     }
 
-    /// Nodes on faces: places in layers from the creases inward, unless a node of their side is too near. `bins` holds
-    /// the nodes so far and gets the new ones.
-    fn add_faces(&mut self, solid: &MeshSolid, creases: &Creases, sizes: &Sizes, bins: &mut Bins) {
+    /// Nodes on faces: places in layers from the creases inward, unless a node of their side is too near.
+    fn add_faces(
+        &mut self,
+        (solid, creases): (&MeshSolid, &Creases),
+        sizes: &Sizes,
+        bins: &mut Bins,
+        progress: &dyn Progress,
+    ) -> Result<(), Cancelled> {
         let triangles: Vec<[Vec3; 3]> = solid.surface().map(|(c, _)| c).collect();
+        progress.stage("faces", Some(triangles.len() as u64));
         let seed = solid.bounds().min;
         let mut candidates: Vec<FacePlace> = triangles
             .par_iter()
@@ -303,7 +314,9 @@ impl Nodes {
                 let step = CANDIDATE_STEP * sizes.at(corners.iter().sum::<Vec3>() / 3.0);
                 // 4096 bounds the candidates of one large triangle.
                 let count = (longest / step).ceil().clamp(1.0, 4096.0) as usize;
-                let count = if n == Vec3::zeros() { 0 } else { count };
+                let is_skipped = n == Vec3::zeros() || progress.cancelled();
+                let count = if is_skipped { 0 } else { count };
+                progress.advance(1);
                 (0..count).flat_map(move |i| {
                     (0..count - i).map(move |j| {
                         // Centroids of the small triangles: none lies on a side.
@@ -329,6 +342,9 @@ impl Nodes {
         candidates.par_sort_by(|a, b| a.layer.total_cmp(&b.layer));
         let mut normals: HashMap<u32, Vec3> = HashMap::new();
         for place in candidates {
+            if progress.cancelled() {
+                return Err(Cancelled);
+            }
             let FacePlace {
                 at, normal, size, ..
             } = place;
@@ -344,16 +360,23 @@ impl Nodes {
                 bins.add(at, node);
             }
         }
+        Ok(())
     }
 
-    /// Inner nodes: points of body-centred lattices, of halved edges where sizes are less. `bins` holds the nodes so
-    /// far and gets the new ones.
-    fn add_inside(&mut self, solid: &MeshSolid, sizes: &Sizes, bins: &mut Bins) {
+    /// Inner nodes: points of body-centred lattices, of halved edges where sizes are less.
+    fn add_inside(
+        &mut self,
+        solid: &MeshSolid,
+        sizes: &Sizes,
+        bins: &mut Bins,
+        progress: &dyn Progress,
+    ) -> Result<(), Cancelled> {
         let bounds = solid.bounds();
         let cell = sizes.cell;
         let counts = bounds.size().map(|s| (s / cell).ceil() + 1.0);
         let origin = bounds.centre().0 - counts * (cell / 2.0);
         let counts = [counts.x, counts.y, counts.z].map(|c| c as usize);
+        progress.stage("inside", Some((counts[0] * counts[1]) as u64));
         let cubes = (0..counts[0]).into_par_iter().flat_map_iter(|i| {
             (0..counts[1]).flat_map(move |j| (0..counts[2]).map(move |k| [i, j, k]))
         });
@@ -361,24 +384,31 @@ impl Nodes {
             .flat_map_iter(|cube| {
                 let low = origin + Vec3::from(cube.map(|c| c as f64)) * cell;
                 let mut found = Vec::new();
-                let cube = LatticeCube {
-                    low,
-                    edge: cell,
-                    level: 0,
-                };
-                lattice_points(solid, sizes, cube, &mut found);
+                if !progress.cancelled() {
+                    let first = LatticeCube {
+                        low,
+                        edge: cell,
+                        level: 0,
+                    };
+                    lattice_points(solid, sizes, first, &mut found);
+                }
+                progress.advance(u64::from(cube[2] == 0));
                 found
             })
             .collect();
         // Large cells first: they keep their lattice.
         places.sort_by_key(|p| p.level);
         for InnerPlace { at: p, size, .. } in places {
+            if progress.cancelled() {
+                return Err(Cancelled);
+            }
             let limit = INNER_SPACING * size;
             if !bins.any(p, |node| (self.place(node) - p).norm() < limit) {
                 let node = self.push(p, Site::Inside);
                 bins.add(p, node);
             }
         }
+        Ok(())
     }
 }
 
