@@ -2,11 +2,12 @@
 
 use super::{Place, text};
 use druse::frame::{Aabb, Vec3};
-use druse::mesh::TriMesh;
+use druse::mesh::{MeshSolid, TriMesh};
 use std::fmt::Write;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 /// Meshes as one .stl.
 fn stl(meshes: &[TriMesh]) -> String {
@@ -80,9 +81,19 @@ fn a_mesh_becomes_a_sound_scaffold() {
             "0.3cm",
             "--order",
             order,
+            "--picture",
+            "p.png",
+            "--progress",
+            "plain",
         ]);
         let shown = text(&made.stdout);
-        assert!(made.status.success(), "{}", text(&made.stderr));
+        let stages = text(&made.stderr);
+        assert!(made.status.success(), "{stages}");
+        for stage in ["faces", "inside", "tets 50 %, ", "improve", "compare"] {
+            assert!(stages.contains(stage), "{stage}: {stages}");
+        }
+        let picture = std::fs::read(place.0.path().join("p.png")).unwrap();
+        assert!(picture.starts_with(b"\x89PNG"));
         assert!(
             shown.contains(kind) && shown.contains("volume 96"),
             "{shown}"
@@ -137,8 +148,109 @@ fn a_recipe_for_a_part_runs() {
     assert!(ran.status.success(), "{}", text(&ran.stderr));
 }
 
-/// Runs `scaffold make part.step` with a program of this text as gmsh, or with none.
-fn make_step(place: &Place, gmsh: Option<&str>) -> Output {
+/// The volume that a command's answer shows.
+fn volume(output: &Output) -> f64 {
+    let shown = text(&output.stdout);
+    let found = shown.split("volume ").nth(1).unwrap_or_else(|| {
+        panic!("{shown}{}", text(&output.stderr));
+    });
+    let number: String = found
+        .chars()
+        .take_while(|c| c.is_ascii_digit() || *c == '.')
+        .collect();
+    number.trim_end_matches('.').parse().unwrap()
+}
+
+/// The same repairs and the same refusals, with the same words; a repaired mesh gives the same tets.
+#[test]
+fn damaged_meshes_are_filled_as_they_are_voxelized() {
+    let place = Place::new();
+    let make = |name: &str| {
+        let file = format!("{name}.stl");
+        let output = format!("{name}.msh");
+        let made = place.run(&[
+            "scaffold",
+            "make",
+            &file,
+            "-o",
+            &output,
+            "--cell-size",
+            "1.5",
+        ]);
+        let bytes = std::fs::read(place.0.path().join(output)).ok();
+        (made, bytes)
+    };
+    let ball = TriMesh::ball(Vec3::new(0.1, 0.2, 0.3), 4.0, 3);
+    let triangles = ball.triangles();
+    let of = |triangles: Vec<[u32; 3]>| TriMesh::new(ball.vertices().to_vec(), triangles).unwrap();
+    let turned = |t: &[u32; 3]| [t[0], t[2], t[1]];
+    let mut one_turned = triangles.to_vec();
+    one_turned[7] = turned(&triangles[7]);
+    let mut cracked: Vec<Vec3> = ball.iter_corners().flatten().collect();
+    cracked[3].x += 3e-7;
+    let numbers = (0..cracked.len() as u32 / 3).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]);
+    let cracked = TriMesh::new(cracked, numbers.collect()).unwrap();
+    let twice = [triangles, &triangles[..9]].concat();
+    let boxes = [
+        block(Vec3::zeros(), Vec3::new(4.0, 3.0, 2.0)),
+        block(Vec3::new(2.0, 0.5, 0.5), Vec3::new(6.0, 2.5, 1.5)),
+    ];
+    let apart = (0..30).map(|n| {
+        let p = Vec3::new(f64::from(n * n % 17), f64::from(n % 5), f64::from(n % 7));
+        let corners = vec![p, p + Vec3::x(), p + Vec3::y()];
+        TriMesh::new(corners, vec![[0, 1, 2]]).unwrap()
+    });
+    let inside = ball.volume();
+    let cases = [
+        (
+            "inward",
+            vec![of(triangles.iter().map(turned).collect())],
+            Some(inside),
+        ),
+        ("turned", vec![of(one_turned)], Some(inside)),
+        ("cracked", vec![cracked], Some(inside)),
+        ("twice", vec![of(twice)], Some(inside)),
+        ("open", vec![of(triangles[1..].to_vec())], Some(inside)),
+        ("two", boxes.to_vec(), Some(28.0)),
+        ("soup", apart.collect(), None),
+    ];
+    for (name, meshes, expected) in cases {
+        place.write(&format!("{name}.stl"), stl(&meshes));
+        let (made, bytes) = make(name);
+        let file = format!("{name}.stl");
+        let grid = place.run(&["voxelize", &file, "-o", "v.vdb", "--voxel-size", "0.2"]);
+        assert_eq!(made.status.code(), grid.status.code(), "{name}");
+        let (own, other) = (text(&made.stderr), text(&grid.stderr));
+        // A run names the operation before the same words.
+        let repairs: Vec<&str> = own
+            .lines()
+            .filter(|l| l.contains("W103") || l.contains("W113") || l.starts_with("error"))
+            .map(|l| l.split_once(": ").unwrap().1)
+            .collect();
+        assert!(!repairs.is_empty(), "{name}: {own}");
+        for words in &repairs {
+            assert!(other.contains(words), "{name}: {words}\n{other}");
+        }
+        let Some(expected) = expected else {
+            assert!(bytes.is_none(), "{name}");
+            continue;
+        };
+        let found = volume(&made);
+        assert!((found / expected - 1.0).abs() < 2e-3, "{name}: {found}");
+        if ["inward", "turned", "cracked", "twice"].contains(&name) {
+            let mut whole = TriMesh::default();
+            for mesh in &meshes {
+                whole.append(mesh).unwrap();
+            }
+            let repaired = MeshSolid::repaired(whole).unwrap().0;
+            place.write("repaired.stl", stl(&[repaired.mesh().clone()]));
+            assert_eq!(make("repaired").1, bytes, "{name}");
+        }
+    }
+}
+
+/// Druse, which finds a program of this text as gmsh, or none.
+fn druse(place: &Place, gmsh: Option<&str>) -> Command {
     let folder = place.0.path().join("bin");
     std::fs::create_dir_all(&folder).unwrap();
     let program = folder.join("gmsh");
@@ -148,21 +260,117 @@ fn make_step(place: &Place, gmsh: Option<&str>) -> Output {
     } else if program.exists() {
         std::fs::remove_file(&program).unwrap();
     }
-    Command::new(env!("CARGO_BIN_EXE_druse"))
-        .args([
-            "scaffold",
-            "make",
-            "part.step",
-            "-o",
-            "part.msh",
-            "--cell-size",
-            "4",
-        ])
+    let mut command = Command::new(env!("CARGO_BIN_EXE_druse"));
+    command
         .current_dir(&place.0)
         .env("XDG_CACHE_HOME", place.0.path().join("cache"))
         .env("PATH", &folder)
-        .output()
-        .unwrap()
+        .stdin(Stdio::null());
+    command
+}
+
+const MAKE: [&str; 7] = [
+    "scaffold",
+    "make",
+    "part.step",
+    "-o",
+    "part.msh",
+    "--cell-size",
+    "4",
+];
+
+/// Runs `scaffold make part.step` with a program of this text as gmsh, or with none.
+fn make_step(place: &Place, gmsh: Option<&str>) -> Output {
+    druse(place, gmsh).args(MAKE).output().unwrap()
+}
+
+/// A program that writes this mesh in the place of gmsh, and the name of the one solid of a part. It keeps its
+/// input beside.
+fn gmsh_of(mesh: &Path) -> String {
+    format!(
+        "for last; do :; done\n/bin/cp \"$1\" read.txt\ncase \"$last\" in\n\
+         *.inp) echo '*NSET,NSET=Shapes/box/lid' > \"$last\";;\n*) /bin/cp {} \"$last\";;\nesac",
+        mesh.display()
+    )
+}
+
+#[test]
+fn named_solids_of_cad_become_groups() {
+    let place = Place::new();
+    place.write("part.step", "ISO-10303-21;");
+    let made = make_step(
+        &place,
+        Some(&gmsh_of(&super::data("scaffold/tet10_41_ascii.msh"))),
+    );
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    let read = std::fs::read_to_string(place.0.path().join("read.txt")).unwrap();
+    assert!(
+        read.contains("part.step\";") && read.contains("Physical Volume(\"lid\") = {1};"),
+        "{read}"
+    );
+    // The groups of the file that gmsh wrote.
+    let shown = text(&made.stdout);
+    assert!(shown.contains("group "), "{shown}");
+    let checked = place.run(&["scaffold", "info", "part.msh"]);
+    assert!(text(&checked.stdout).contains("group "));
+}
+
+#[test]
+fn a_surface_fills_the_cubes_of_a_part_of_cad() {
+    let place = plate();
+    let tets = place.run(&[
+        "scaffold",
+        "make",
+        "plate.stl",
+        "-o",
+        "plate.msh",
+        "--cell-size",
+        "2",
+    ]);
+    assert!(tets.status.success(), "{}", text(&tets.stderr));
+    place.write("part.step", "ISO-10303-21;");
+    let gmsh = gmsh_of(&place.0.path().join("plate.msh"));
+    let new = ["new", "filled", "--part", "part.step", "--cell", "gyroid"];
+    let made = druse(&place, Some(&gmsh)).args(new).output().unwrap();
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    let surface = druse::io::read_mesh(place.0.path().join("filled_part.stl")).unwrap();
+    let found = surface.mesh.volume();
+    assert!((found - 96.0).abs() < 1e-3, "{found}");
+    let ran = place.run(&["run", "filled.toml", "--set", "band.voxel_size=0.2"]);
+    assert!(ran.status.success(), "{}", text(&ran.stderr));
+    // The surface is not overwritten.
+    std::fs::remove_file(place.0.path().join("filled.toml")).unwrap();
+    let again = druse(&place, Some(&gmsh)).args(new).output().unwrap();
+    let error = text(&again.stderr);
+    assert!(error.contains("filled_part.stl exists already"), "{error}");
+}
+
+#[test]
+fn a_cancelled_run_ends_gmsh() {
+    let place = Place::new();
+    place.write("part.step", "ISO-10303-21;");
+    let script = "echo $$ > id.txt\nexec /bin/sleep 60";
+    let begun = Instant::now();
+    let mut child = druse(&place, Some(script))
+        .args(MAKE)
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let id = place.0.path().join("id.txt");
+    let wait = |what: &dyn Fn() -> bool| {
+        while !what() {
+            assert!(begun.elapsed() < Duration::from_secs(50), "it hangs");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    };
+    let number = || std::fs::read_to_string(&id).unwrap_or_default();
+    wait(&|| number().ends_with('\n'));
+    let own = child.id().to_string();
+    let sent = Command::new("kill").args(["-INT", &own]).status().unwrap();
+    assert!(sent.success());
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    let gmsh = format!("/proc/{}", number().trim());
+    assert!(!Path::new(&gmsh).exists());
 }
 
 #[test]
@@ -182,8 +390,7 @@ fn a_part_of_cad_is_meshed_once_by_gmsh_or_refused_in_its_words() {
     );
     refused(Some("exit 0"), ["gmsh cannot mesh", "part.step"]);
     // The last argument is the file to write; /bin/cp, because PATH has gmsh alone.
-    let mesh = super::data("scaffold/tet10_41_ascii.msh");
-    let script = format!("for last; do :; done\n/bin/cp {} \"$last\"", mesh.display());
+    let script = gmsh_of(&super::data("scaffold/tet10_41_ascii.msh"));
     let made = make_step(&place, Some(&script));
     assert!(made.status.success(), "{}", text(&made.stderr));
     assert!(text(&made.stdout).contains("Tet10"));
