@@ -136,7 +136,11 @@ pub(super) fn shortage_error(
 pub(super) fn disk(inputs: &Inputs, leaf_bytes: u64) -> u64 {
     // A leaf has about 220 active voxels.
     let active = leaf_bytes as f64 / (4.0 + rates::LEAF_FILE_BYTES / 220.0);
-    let counts = Counts::new(inputs, active, active / 220.0);
+    let counts = Counts {
+        // How much of its box the solid fills is unknown: decks are left out.
+        extent_blocks: 0.0,
+        ..Counts::new(inputs, active, active / 220.0)
+    };
     let outputs = inputs.recipe.sections().output.iter();
     // Binary STL needs no buffer.
     let spools = outputs.filter(|o| {
@@ -440,7 +444,9 @@ pub(super) fn predict(inputs: &Inputs, threads: &Threads, c: &Counts) -> Estimat
     let tiling = inputs.tiling();
     let mut memory = solid_bytes(inputs, c);
     if tiling.is_some_and(|tiling| matches!(tiling.content(), Content::Sheets(_))) {
-        memory += ClosestPointField::BYTES_KEPT as f64;
+        // Until the leaves are sampled.
+        let sampling = rates::LEAF_BYTES * c.peak_leaves + ClosestPointField::BYTES_KEPT as f64;
+        memory = memory.max(sampling);
     }
     Estimate {
         elements: inputs.elements(),

@@ -330,7 +330,7 @@ impl FromStr for Place {
 }
 
 impl Forms for Place {
-    const EXPECTED: &'static str =
+    const DESCRIPTION: &'static str =
         "\"reference\", \"fit\", { scale, rotate, translate } or { vertices }";
 
     fn schema(generator: &mut SchemaGenerator) -> Schema {

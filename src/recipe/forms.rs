@@ -9,27 +9,27 @@ use std::marker::PhantomData;
 /// A type with several written forms. Those that it lacks are refused.
 pub(super) trait Forms: Sized {
     /// The forms, for errors.
-    const EXPECTED: &'static str;
+    const DESCRIPTION: &'static str;
 
     /// All forms as a schema.
     fn schema(generator: &mut SchemaGenerator) -> Schema;
 
     /// Reads `true` or `false`; the methods below read the other forms.
     fn flag<E: Error>(v: bool) -> Result<Self, E> {
-        Err(refused(Unexpected::Bool(v), Self::EXPECTED))
+        Err(refused(Unexpected::Bool(v), Self::DESCRIPTION))
     }
     fn number<E: Error>(v: f64) -> Result<Self, E> {
         let found = format!("the number {v}");
-        Err(refused(Unexpected::Other(&found), Self::EXPECTED))
+        Err(refused(Unexpected::Other(&found), Self::DESCRIPTION))
     }
     fn text<E: Error>(v: &str) -> Result<Self, E> {
-        Err(refused(Unexpected::Str(v), Self::EXPECTED))
+        Err(refused(Unexpected::Str(v), Self::DESCRIPTION))
     }
     fn list<'de, A: SeqAccess<'de>>(_: A) -> Result<Self, A::Error> {
-        Err(refused(Unexpected::Seq, Self::EXPECTED))
+        Err(refused(Unexpected::Seq, Self::DESCRIPTION))
     }
     fn table<'de, A: MapAccess<'de>>(_: A) -> Result<Self, A::Error> {
-        Err(refused(Unexpected::Map, Self::EXPECTED))
+        Err(refused(Unexpected::Map, Self::DESCRIPTION))
     }
 }
 
@@ -45,7 +45,7 @@ impl<'de, T: Forms> Visitor<'de> for FormVisitor<T> {
     type Value = T;
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(T::EXPECTED)
+        f.write_str(T::DESCRIPTION)
     }
     fn visit_bool<E: Error>(self, v: bool) -> Result<T, E> {
         T::flag(v)

@@ -109,7 +109,7 @@ impl FromStr for GridWord {
 }
 
 impl Forms for GridWord {
-    const EXPECTED: &'static str = "the name of a grid";
+    const DESCRIPTION: &'static str = "the name of a grid";
 
     fn schema(_: &mut SchemaGenerator) -> Schema {
         json_schema!({

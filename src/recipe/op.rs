@@ -237,7 +237,7 @@ impl Short for Resample {
 pub struct UpTo(pub f64);
 
 impl Forms for UpTo {
-    const EXPECTED: &'static str = "true, false or a positive volume";
+    const DESCRIPTION: &'static str = "true, false or a positive volume";
 
     fn schema(_: &mut SchemaGenerator) -> Schema {
         json_schema!({ "anyOf": [

@@ -130,7 +130,7 @@ impl FromStr for Onto {
 }
 
 impl Forms for Onto {
-    const EXPECTED: &'static str = "true, false or the edge of a voxel such as 0.2 or \"0.2mm\"";
+    const DESCRIPTION: &'static str = "true, false or the edge of a voxel such as 0.2 or \"0.2mm\"";
 
     fn schema(generator: &mut SchemaGenerator) -> Schema {
         let size = generator.subschema_for::<Size>();

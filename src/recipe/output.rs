@@ -270,7 +270,7 @@ impl FromStr for PictureSize {
 }
 
 impl Forms for PictureSize {
-    const EXPECTED: &'static str = "[width, height] or \"WIDTHxHEIGHT\" in pixels";
+    const DESCRIPTION: &'static str = "[width, height] or \"WIDTHxHEIGHT\" in pixels";
 
     fn schema(_: &mut SchemaGenerator) -> Schema {
         json_schema!({ "anyOf": [
@@ -312,7 +312,7 @@ impl FromStr for Cut {
 }
 
 impl Forms for Cut {
-    const EXPECTED: &'static str = "an axis and a number, as in \"x=0\"";
+    const DESCRIPTION: &'static str = "an axis and a number, as in \"x=0\"";
 
     fn schema(_: &mut SchemaGenerator) -> Schema {
         json_schema!({ "type": "string", "pattern": "^[xyz]=.*$" })

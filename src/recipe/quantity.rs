@@ -189,7 +189,7 @@ impl TryFrom<Length> for Width {
 macro_rules! quantity {
     ($name:ident, $expecting:literal, $schema:tt) => {
         impl Forms for $name {
-            const EXPECTED: &'static str = $expecting;
+            const DESCRIPTION: &'static str = $expecting;
 
             fn schema(_: &mut SchemaGenerator) -> Schema {
                 json_schema!($schema)
@@ -238,7 +238,7 @@ length_quantity!(Width, "a positive width in voxels, or a length such as \"0.2mm
 });
 
 impl Forms for Length {
-    const EXPECTED: &'static str = "a length such as 0.2, \"0.2mm\" or \"3vx\"";
+    const DESCRIPTION: &'static str = "a length such as 0.2, \"0.2mm\" or \"3vx\"";
 
     fn schema(_: &mut SchemaGenerator) -> Schema {
         json_schema!({
@@ -333,7 +333,7 @@ impl FromStr for Unit {
 }
 
 impl Forms for Unit {
-    const EXPECTED: &'static str = "a unit of length";
+    const DESCRIPTION: &'static str = "a unit of length";
 
     fn schema(_: &mut SchemaGenerator) -> Schema {
         json_schema!({

@@ -73,7 +73,7 @@ impl FromStr for TargetWord {
 }
 
 impl Forms for TargetWord {
-    const EXPECTED: &'static str = "a property (bulk, shear, young, conductivity, permeability) or a table with maximise, \
+    const DESCRIPTION: &'static str = "a property (bulk, shear, young, conductivity, permeability) or a table with maximise, \
                      zener, poisson or stiffness";
 
     fn schema(generator: &mut SchemaGenerator) -> Schema {

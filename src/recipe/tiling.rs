@@ -232,7 +232,7 @@ fn ascending<'de, D: Deserializer<'de>>(d: D) -> Result<Vec<[f64; 2]>, D::Error>
 }
 
 impl Forms for Orient {
-    const EXPECTED: &'static str = "\"auto\" or { toward, up, mismatch, width }";
+    const DESCRIPTION: &'static str = "\"auto\" or { toward, up, mismatch, width }";
 
     fn schema(generator: &mut SchemaGenerator) -> Schema {
         let section = generator.subschema_for::<OrientSection>();
@@ -263,7 +263,7 @@ impl Forms for Orient {
 forms!(Orient, "Orient");
 
 impl Forms for Direction {
-    const EXPECTED: &'static str =
+    const DESCRIPTION: &'static str =
         "three numbers or formulas such as [\"-y\", \"x\", 0], or { file, field }";
 
     fn schema(generator: &mut SchemaGenerator) -> Schema {
@@ -303,7 +303,7 @@ pub enum Outside {
 }
 
 impl Forms for Outside {
-    const EXPECTED: &'static str = "\"nearest\", \"error\" or a number";
+    const DESCRIPTION: &'static str = "\"nearest\", \"error\" or a number";
 
     fn schema(_: &mut SchemaGenerator) -> Schema {
         json_schema!({
@@ -327,7 +327,7 @@ impl Forms for Outside {
 forms!(Outside, "Outside");
 
 impl Forms for Varying {
-    const EXPECTED: &'static str = "a number, a formula such as \"1 - bx\", or { file, field }";
+    const DESCRIPTION: &'static str = "a number, a formula such as \"1 - bx\", or { file, field }";
 
     fn schema(generator: &mut SchemaGenerator) -> Schema {
         let field = generator.subschema_for::<FieldRef>();
