@@ -22,17 +22,17 @@ const CRATES: [&str; 7] = [
 /// Lines of Rust with comments that a folder of `src` may have. Who needs more raises its number in the same commit, and
 /// gives the reason there.
 const LINE_BUDGETS: [(&str, usize); 14] = [
-    ("geometry", 13400),
+    ("geometry", 13450),
     ("cells", 18250),
-    ("tilings", 33000),
-    ("effective", 8450),
+    ("tilings", 33150),
+    ("effective", 8500),
     ("crystal", 8250),
-    ("formats", 20500),
+    ("formats", 20550),
     ("solids", 5750),
     ("vdb", 11700),
     ("recipe", 5700),
-    ("pipeline", 23500),
-    ("cli", 15300),
+    ("pipeline", 23700),
+    ("cli", 15400),
     ("sequence", 350),
     ("python", 2550),
     ("", 1100),

@@ -164,7 +164,7 @@ fn apply_with_operand(
         return Ok(());
     };
     if shape.extent.is_empty() {
-        // The box lies outside this part, so the part becomes empty.
+        // Only the box of a trim can be empty, where it lies outside this part of a run in bricks: nothing of it stays.
         let empty = LevelSet::empty(context.transform()?, solid.half_width(), session);
         let mut empty = empty.map_err(&failed)?;
         empty.set_origin(solid.origin()).map_err(&failed)?;
@@ -173,6 +173,7 @@ fn apply_with_operand(
     // The voxels of a solid from a file may lie off the world's lattice. Its operand is then sampled in the file's
     // frame.
     let operand_context = context.with_half_width(solid.half_width());
+    // Parts in bricks lie on the lattice.
     let on_lattice = solid.origin() == crate::frame::Vec3::zeros();
     let (mut other, _) = if on_lattice || context.region.is_some() {
         operand_context.sample(&shape, op.name())?

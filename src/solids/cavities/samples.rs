@@ -1,5 +1,8 @@
-//! Values of a level set around one block, by leaf.
+//! Values of a level set around one block, by leaf: what the search for cavities reads to measure distances from the
+//! surface up to `reach`, in passes along x, y and z.
 //!
+//! The halo is what is read around the block, in leaves; the ring is how far a leaf with surface may lie from a voxel
+//! that it decides.
 //! The values are those of the source, in world units. A leaf without values has one sign; its rows are 1 or -1.
 //! Positions of leaves count from the first one of the halo, whose width is the greatest distance that is measured.
 
@@ -92,7 +95,8 @@ pub(super) struct Samples {
 }
 
 impl Samples {
-    /// Reads the block at `origin`; `None` without any leaf as near as is measured. The halo is read with it; cubes
+    /// Reads the block at `origin`; `None` if no surface lies within reach of it, so that nothing is to be measured.
+    /// `measure` has the reach in voxels, at least 1, and the box of all leaves. The halo is read with it; cubes
     /// inside the solid count as leaves without values, and all others are outside.
     pub fn read<S: LeafSource>(
         source: &S,

@@ -82,8 +82,9 @@ impl Patch {
     }
 
     /// Replaces the triangles and removes the vertices that no longer have any. Other patches must not reference these;
-    /// [`Welder::weld`] reports it. `max_x` is the greatest x of the patches processed together with this one.
-    /// `triangles` index the patch's vertices.
+    /// [`Welder::weld`] reports it. `triangles` index the patch's vertices. `max_x` is the greatest voxel x of the regions
+    /// that were changed together with this one, without the 1 of the field: the welder drops seams beyond the greatest
+    /// x of the patch it takes, and a patch of the same group may still need them.
     #[must_use]
     pub fn with_triangles(&self, triangles: &[[u32; 3]], max_x: i32) -> Self {
         // Vertices that never had triangles are referenced by other patches only; they stay.

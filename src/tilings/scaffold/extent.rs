@@ -159,7 +159,7 @@ fn greatest_on_simplex(net: &Net<f64>) -> f64 {
 }
 
 /// The way to split with the greatest second difference: across an axis of the cube, an edge of the prism's triangle,
-/// or (way 3) the prism's axis.
+/// or (way 3) the prism's axis. The number is that of [`Net::split`], whose order the tables of edges below follow.
 fn most_curved_way(net: &Net<f64>) -> usize {
     let (family, n) = (net.family, net.degree);
     let exists = |q: &[usize; 3]| match family {
@@ -181,6 +181,7 @@ fn most_curved_way(net: &Net<f64>) -> usize {
     let ways: &[[[usize; 3]; 2]] = match family {
         Family::Tensor => &[[zero, x], [zero, y], [zero, z]],
         Family::Prism => &[[zero, x], [x, y], [y, zero], [zero, z]],
+        // The edges of a tet; quadratic simplices have a closed form, others come here.
         Family::Simplex => &[[zero, x], [x, y], [y, zero], [zero, z], [x, z], [y, z]],
     };
     let mut best = (0, 0.0);

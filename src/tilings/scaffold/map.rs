@@ -96,7 +96,7 @@ impl Geometry {
 }
 
 impl Map {
-    /// The simplest map through the control points `net`, of which `bounds` is the box: an affine one where it is that
+    /// The simplest map through the control points `net`, whose box is `bounds`: an affine one where it is that
     /// to rounding.
     fn new(kind: Kind, nodes: &[Vec3], net: Net<Vec3>, bounds: &Aabb) -> Self {
         let affine = Affine::through(kind, &net);

@@ -177,7 +177,7 @@ fn check_mixture(scaffold: &Scaffold, cell: &Cell, width: Option<f64>) -> usize 
         for turn in turns {
             let (weight, slope) = turn.weight(shape, xi);
             assert!((-1e-12..=1.0 + 1e-12).contains(&weight));
-            assert!(slope.norm() <= turn.max_slope(8), "{slope}");
+            assert!(slope.norm() <= turn.max_slope(8) + 1e-12, "{slope}");
             for axis in 0..3 {
                 let step = Vec3::ith(axis, 1e-5);
                 let [a, b] = [xi.0 + step, xi.0 - step].map(|p| turn.weight(shape, CellPoint(p)).0);
@@ -203,11 +203,11 @@ fn mixed_turns_continue_around_edges_with_three_hexes() {
     let (ball, sphere) = (Scaffold::ball(6.0, 3.0).unwrap(), hollow_sphere(3));
     for (scaffold, cell) in [(&sphere, &gyroid), (&ball, &gyroid), (&sphere, &chiral(4))] {
         let mixed = shuffled(scaffold, 8);
-        // A thin layer leaves more of the elements as they are.
-        let unmixed = [None, Some(1.0), Some(0.6), Some(0.3)];
+        let unmixed = [None, Some(1.0), Some(0.3)];
         let unmixed = unmixed.map(|width| check_mixture(&mixed, cell, width));
-        assert_eq!(unmixed[..2], [0, 0]);
-        assert!(unmixed[2] > 0 && unmixed[3] > unmixed[2], "{unmixed:?}");
+        // A thin layer leaves more of the elements as they are, but for those with all corners at such faces.
+        let has_other_corners = std::ptr::eq(scaffold, &ball);
+        assert_eq!(unmixed[2] > unmixed[0], has_other_corners, "{unmixed:?}");
     }
     // A cell that shows something else on every face has no partner behind it, so that nothing can be mixed.
     let column = |k| {
@@ -465,11 +465,11 @@ fn a_turned_scaffold_is_as_made_anew() {
             let xi = CellPoint(own.shape().centroid().0 + Vec3::new(0.1, -0.05, 0.07));
             assert_eq!(own.map(xi), other.map(xi));
             assert_eq!(own.bounds(), other.bounds());
-            let [(a, b), (c, d)] = [own.stretch(), other.stretch()];
-            assert!(
-                (a - c).abs() < 0.1 * c && (b - d).abs() < 0.1 * d,
-                "{a} {b} {c} {d}"
-            );
+            // Bounds of the same singular values, though they may be found by other splits.
+            let found = own.jacobian(xi).singular_values();
+            for (low, high) in [own.stretch(), other.stretch()] {
+                assert!(low <= found.min() * (1.0 + 1e-12) && found.max() <= high * (1.0 + 1e-12));
+            }
         }
         let p = turned.element(1).map(turned.element(1).shape().centroid());
         assert_eq!(turned.locate(p), anew.locate(p));
