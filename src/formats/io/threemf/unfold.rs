@@ -1,7 +1,7 @@
 //! Assembly of one mesh and its beams from the models of an archive.
 //!
 //! Build items refer to objects, objects to components, each with a placement and perhaps in another part. Lengths of
-//! the result are in the unit of the root model. The rest out becomes a note; limits guard against files that
+//! the result are in the unit of the root model. What is omitted becomes a note; limits guard against files that
 //! unfold to much more than their size.
 
 use super::archive::Archive;
