@@ -258,8 +258,8 @@ impl Growth {
 }
 
 impl VoidGraph {
-    /// The cavities: edges are added in falling level, and each component that meets the outside at a level below its
-    /// depth is one. Sizes are in world units.
+    /// The cavities: edges are added in falling level. A component that meets the outside at least [`MIN_PROMINENCE`]
+    /// below its depth is one, and so is one of at least [`MIN_DEPTH`] that never meets it. Sizes are in world units.
     fn cavities(
         mut self,
         measure: Measure,
@@ -276,7 +276,7 @@ impl VoidGraph {
             growth.join(edge);
         }
         growth.close();
-        // Voxels of a basin count for the cavity that owns it; number 0 is the outside.
+        // Voxels of a basin count for the cavity that owns it, if there is one; number 0 is the outside.
         let mut voxels = vec![0u64; growth.throats.len() + 1];
         for (basin, &owner) in growth.basins.iter().zip(&growth.owner) {
             if let Some(sum) = voxels.get_mut(owner as usize) {

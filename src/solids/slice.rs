@@ -160,8 +160,8 @@ impl Plan {
         }
     }
 
-    /// Samples a lattice of pixels, in strips that are skipped where the field has one sign. `counts` is 1 along the
-    /// axis of the section. Where a strip is skipped, all its values are one bound.
+    /// Samples a lattice of pixels in squares. Those that lie more than two pixels from the surface are skipped: all
+    /// their values are one bound. `counts` is 1 along the axis of the section.
     fn fill(&self, field: &WorldField, origin: Vec3, counts: [usize; 3], out: &mut [f32]) {
         const STRIP_WIDTH: usize = 16;
         let slow = (0..3).find(|&a| counts[a] > 1).unwrap_or(0);
@@ -241,7 +241,7 @@ impl Layer {
     }
 
     /// The outlines, ordered by the square of their first point. Each is closed, in world units; chains that leave the
-    /// grid are dropped.
+    /// grid or have fewer than three points are dropped.
     pub fn outlines(&self) -> Vec<Outline> {
         let [nu, nv] = self.counts;
         // The next edge of each edge.

@@ -2,8 +2,8 @@
 //!
 //! Voxels have a total order: falling distance, then ascending number. A voxel leads to a neighbour that is as far as
 //! any, if it is before the voxel in this order. Voxels beyond the measured distance are all equally far. A leaf of them
-//! only (a wide leaf) counts as one node; such voxels in a leaf beside it lead towards it. This keeps the number of
-//! maxima small. Only maxima and meetings of basins are sorted.
+//! only (a wide leaf) counts as one node; such voxels in a leaf beside it lead towards it where the way is as far
+//! throughout. This keeps the number of maxima small. Only maxima and meetings of basins are sorted.
 #![allow(clippy::inline_always)]
 
 use super::distances::{BlockDistances, Slot, order, place, slot_at};
@@ -82,7 +82,8 @@ fn moved(slot: usize, voxel: usize, direction: u8) -> (usize, usize) {
 }
 
 /// The neighbours that the voxels of a leaf lead to. `slot` is the number of the leaf in its block and `own` its
-/// distances, voxels; a leaf outside the block counts as solid (-1).
+/// distances, voxels; a leaf outside the block counts as solid (-1). Beside a wide leaf, voxels as far as the reach
+/// lead towards it.
 #[inline(always)]
 fn leads_of_leaf(space: &BlockDistances, slot: usize, own: &[f32; VOXELS], leads: &mut Leads) {
     let outer: [Option<usize>; 6] = std::array::from_fn(|d| beside(slot, d / 2, d % 2 == 1));
@@ -218,7 +219,7 @@ impl Ascent {
                     let mut leads = [ITSELF; VOXELS];
                     run_vectorized(
                         #[inline(always)]
-                        // Voxels of the solid have a negative distance and lead nowhere either.
+                        // Voxels of the solid get a lead too, which is not used.
                         || leads_of_leaf(space, slot, own, &mut leads),
                     );
                     let is_maximum = |v: &usize| leads[*v] == ITSELF && own[*v] >= 0.0;
@@ -407,8 +408,8 @@ impl Labels {
     }
 
     /// Adds the meetings of a leaf and the one before it along an axis to `found`. `slot` and `other` are their numbers
-    /// in the block. Leaves with the same only basin meet nowhere; of two wide leaves one pair of voxels stands for
-    /// all.
+    /// in the block. Leaves with the same only basin, or a solid one, meet nowhere; of two wide leaves one pair of
+    /// voxels stands for all.
     fn meet_across(
         &self,
         space: &BlockDistances,

@@ -1,8 +1,10 @@
 //! Basins of one block: local maxima of the distance, and the levels at which they meet.
 //!
-//! The voxels of a maximum are its basin. While the level falls, basins meet; a basin that rises less than
-//! [`MIN_PROMINENCE`] above its first meeting is noise and joins the other one, unless it touches a face of the block,
-//! beyond which it may be deeper. Basins that remain, and the levels of their meetings, are a graph for the whole void.
+//! The voxels of a maximum are its basin. While the level falls, basins meet; the shallower one is noise if it rises
+//! less
+//! than [`MIN_PROMINENCE`] above the meeting, and joins the other, unless it reaches a face of the block at that level
+//! or
+//! above, beyond which it may be deeper. Basins that remain, and the levels of their meetings, are the block's graph.
 
 use super::MIN_PROMINENCE;
 use super::ascent::{Ascent, Labels, Meeting, UNLABELLED};
@@ -83,7 +85,8 @@ impl BlockBasins {
     }
 
     /// The basins of a block with these distances. `origin` is the block's least voxel. A basin is the voxels from
-    /// which the steepest ascent of the distance leads to one maximum.
+    /// which the steepest ascent of the distance leads to one maximum, with basins of noise. It is one if all maxima
+    /// are in connected wide leaves.
     pub fn of(space: &BlockDistances, origin: Coord) -> Self {
         let ascent = Ascent::of(space);
         let place = |n: u32| {
@@ -211,8 +214,9 @@ struct BlockGrowth<'a> {
 }
 
 impl BlockGrowth<'_> {
-    /// Joins the two basins of a meeting at the voxel `place`. Meetings come in falling level. A shallow basin without
-    /// voxels on a face of the block is merged into the other; else an edge between both is recorded.
+    /// Joins the two basins of a meeting at the voxel `place`. Meetings come in falling level. The shallower component
+    /// is merged into the other if it is noise and has no voxel on a face of the block at this level or above; else an
+    /// edge between both is recorded.
     fn join(&mut self, meeting: &Meeting, place: Coord) {
         let [a, b] = meeting.basins;
         let (ra, rb) = (self.sets.find(a as usize), self.sets.find(b as usize));
@@ -268,7 +272,7 @@ impl BlockGrowth<'_> {
             ends: e.ends.map(label),
             ..*e
         });
-        // An edge between basins that became one is inside it.
+        // Aliases and edges are one forest, so that the ends of an edge do not become one: only a safeguard.
         let edges = edges.filter(|e| e.ends[0] != e.ends[1]).collect();
         let basin =
             |slot: usize, voxel: usize| label(self.labels.at(self.space.slots[slot], slot, voxel));

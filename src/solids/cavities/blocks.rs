@@ -1,6 +1,10 @@
 //! The graph of the void: basins of all blocks, and the levels at which they meet.
 //!
-//! Void that is surely open is one basin, the outside; only blocks with other void are divided into basins.
+//! A cell is a block near the surface, or a box of blocks far from it (`grid`). Basin 0 is the outside, with all void
+//! that
+//! is surely open. Only cells with other void are divided into basins; cells beside them give their faces alone, and
+//! the
+//! rest nothing (`Need`).
 
 use super::ascent::UNLABELLED;
 use super::basins::{Basin, BlockBasins, Edge, Face, Patch};
@@ -77,7 +81,7 @@ impl VoidGraph {
                 found.collect::<Result<Vec<_>, S::Error>>()
             })?;
             for (&(cell, need), mut block) in batch.iter().zip(found) {
-                // Basins of a cell with void that is surely open are the outside; all its faces lead there.
+                // A cell with void that is surely open has no basins of its own: its faces lead to the outside.
                 let first = match need {
                     Need::Nothing | Need::Faces => OUTSIDE,
                     Need::Basins => graph.basins.len() as u32,
@@ -119,7 +123,7 @@ impl VoidGraph {
             return;
         }
         let mut pairs = Pairs::default();
-        // Leaf by leaf, unless the whole face is equal on both sides.
+        // Leaf by leaf, unless each side is one basin at one distance; a solid side has no basin to join.
         match (own.face, other.face) {
             (Face::Solid, _) | (_, Face::Solid) => {}
             (Face::Uniform(a, d), Face::Uniform(b, e)) => pairs.meet([*a, *b], d.min(*e), 0),
@@ -149,7 +153,7 @@ impl VoidGraph {
 /// A face of a cell.
 #[derive(Clone, Copy)]
 struct NumberedFace<'a> {
-    /// Number in the graph of the first basin of the cell.
+    /// Number in the graph of the first basin of the cell; that of the outside for a cell that is open.
     first: u32,
     face: &'a Face,
 }

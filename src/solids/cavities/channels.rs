@@ -1,9 +1,9 @@
 //! The search for channels between rooms of the void.
 //!
 //! A room is a connected part of the void in which a ball of the channel's radius can move. Links are found from each
-//! cluster of rooms to the nearest voxel of another one, and chosen as a minimum spanning tree. The result depends
-//! neither on threads nor on the order of the rooms' leaves: equal costs are ordered by their ends. Lengths are in
-//! voxels.
+//! cluster of rooms to the cheapest voxel of another one, or outside, and chosen as a minimum spanning tree. The result
+//! depends neither on threads nor on the order of the rooms' leaves: equal costs are ordered by their ends. Lengths are
+//! in voxels.
 
 use super::Measure;
 use super::drains::{Channel, DrainRequest};
@@ -155,8 +155,8 @@ impl<'a, S: LeafSource> Search<'a, S> {
     /// The channels that connect the rooms with the outside. Rooms for which no link is found stay unconnected.
     pub fn connected(&mut self, task: Task<'_>) -> Result<Vec<Link>, S::Error> {
         let mut channels = Vec::new();
-        // In each round every cluster of rooms gets its cheapest link to another cluster or to the outside
-        // (Boruvka), until all are connected.
+        // In each round every cluster of rooms gets its cheapest link to another cluster or to the outside (Boruvka),
+        // until no cluster finds one.
         loop {
             let mut clusters: BTreeMap<usize, Vec<u32>> = BTreeMap::new();
             for n in 1..self.rooms.len() {
@@ -263,8 +263,8 @@ impl<'a, S: LeafSource> Search<'a, S> {
         Ok(Some(number))
     }
 
-    /// Adds the rooms of a closed cavity, and returns whether it has any. `cavity` has its voxels by leaf. A cavity in
-    /// which no ball of the radius has room has none.
+    /// Adds the rooms of a closed cavity, and returns whether it added any. `cavity` has its voxels by leaf. Rooms
+    /// between which the neck is wide become one set. A cavity in which no ball of the radius has room has none.
     pub fn add_rooms(&mut self, cavity: &BTreeMap<Coord, Bits>) -> Result<bool, S::Error> {
         let first = self.rooms.len();
         for (&leaf, voxels) in cavity {
@@ -278,7 +278,7 @@ impl<'a, S: LeafSource> Search<'a, S> {
                 let Some(&place) = voxels_of(leaf, &rest).first() else {
                     break;
                 };
-                // The part leads outside, or is known: a closed cavity has no more rooms in this leaf.
+                // Never for a closed cavity, since no part of it leads outside; else the loop would not end.
                 if self.add(place)?.is_none() {
                     break;
                 }
@@ -328,7 +328,7 @@ impl<'a, S: LeafSource> Search<'a, S> {
 
     /// The cheapest way from a set to a room of another set, or outside. `root` is the cluster's representative,
     /// `sources` its voxels at the surface. `None` if there is no other room and no outside within the box of the
-    /// solid.
+    /// solid, grown by the reach and a leaf.
     fn link(
         &mut self,
         root: usize,
@@ -357,8 +357,8 @@ impl<'a, S: LeafSource> Search<'a, S> {
         }
     }
 
-    /// The cheapest way to a voxel of any room of another set. The region grows by doubled steps around the sources.
-    /// `None` without sources or without any such voxel.
+    /// The cheapest way to a voxel at which the ball has room, but for those of the set and of known pockets. The
+    /// region grows by doubled steps around the sources. `None` without sources or without any such voxel.
     fn nearest(
         &mut self,
         root: usize,
@@ -415,7 +415,7 @@ impl<'a, S: LeafSource> Search<'a, S> {
         best: &mut Option<Link>,
     ) -> Result<(), S::Error> {
         let mut bits = self.map.surface(leaf)?;
-        // Voxels of the cluster itself are no targets.
+        // Voxels of the cluster itself, and of pockets that are not to be drained, are no targets.
         for (number, own) in self.labels.get(&leaf).into_iter().flatten() {
             if *number == OTHER || self.sets.find(*number as usize) == root {
                 bits = std::array::from_fn(|x| bits[x] & !own[x]);

@@ -51,8 +51,8 @@ fn unbounded(voxel_size: f64, background: f32, request: &DrainRequest) -> Measur
     Measure::new(voxel_size, background, request.radius.ceil() as i32 + 1)
 }
 
-/// The channels that drain the cavities of a solid. `voxel_size` and the half width `background` of the band are in world
-/// units; `closed` are voxels in the closed cavities, if only these count.
+/// The channels that drain the cavities of a solid. `voxel_size` and the half width `background` of the band are in
+/// world units; `closed` are voxels in the closed cavities, used only without `request.narrow`.
 ///
 /// # Errors
 /// Cancellation, and errors of the source.

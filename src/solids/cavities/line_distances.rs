@@ -97,7 +97,7 @@ pub(super) fn from_crossings(
             let x = (8 * n - 1) as f32;
             cross(&mut position, at(n - 1, 7), at(n, 0), x);
         }
-        // Without values in the leaf nothing crosses within it: the position stays.
+        // A leaf without values has no crossing within it; unless it is needed, its squares are left as they are.
         if !is_stored && !needed[n] {
             continue;
         }

@@ -28,7 +28,8 @@ const TETRAHEDRA: [[usize; 4]; 6] = [
 ];
 
 /// Measures the radii of the narrowest cavities again, which are the first `MAX_REFINED` of `list`. Those of points on
-/// lattice edges are never less. Radii are in world units; those of 0 or beyond the reach stay.
+/// lattice edges are never less. Radii are in world units; those of 0 or of the reach or more stay. An escape radius is
+/// at most the radius.
 pub(super) fn refine<S: LeafSource>(
     source: &S,
     measure: Measure,

@@ -4,7 +4,7 @@
 //! The halo is what is read around the block, in leaves; the ring is how far a leaf with surface may lie from a voxel
 //! that it decides.
 //! The values are those of the source, in world units. A leaf without values has one sign; its rows are 1 or -1.
-//! Positions of leaves count from the first one of the halo, whose width is the greatest distance that is measured.
+//! Positions of leaves count from the first one of the halo, whose width is the measured reach, in whole leaves.
 
 use super::Measure;
 use crate::leaf_source::LeafSource;
@@ -95,9 +95,9 @@ pub(super) struct Samples {
 }
 
 impl Samples {
-    /// Reads the block at `origin`; `None` if no surface lies within reach of it, so that nothing is to be measured.
-    /// `measure` has the reach in voxels, at least 1, and the box of all leaves. The halo is read with it; cubes
-    /// inside the solid count as leaves without values, and all others are outside.
+    /// Reads the block at `origin`; `None` if no leaf with values lies in it or in the halo, so that nothing is to be
+    /// measured. `measure` has the reach in voxels, at least 1, and the box of all leaves. The halo is read with it;
+    /// cubes inside the solid count as leaves without values, and all others are outside.
     pub fn read<S: LeafSource>(
         source: &S,
         origin: Coord,
@@ -146,7 +146,7 @@ impl Samples {
             leaves,
             has_surface: vec![false; side.pow(3)],
         };
-        // A leaf has surface if signs differ within it or across its faces.
+        // A leaf with values has surface if signs differ within it or across its faces.
         for x in 0..side {
             for y in 0..side {
                 for z in 0..side {

@@ -28,7 +28,7 @@ pub(super) struct RimPixel {
 
 impl RimPixel {
     /// The pixel in the middle of 3 x 3 values, row by row, if the outline runs beside it. `values` are at the centres
-    /// of pixels; solid is negative. `None` where all nine have one sign.
+    /// of pixels; solid is negative. `None` where its area is 1, as where all nine have one sign.
     pub fn of(values: &[[f64; 3]; 3], [row, column]: [u32; 2]) -> Option<Self> {
         let is_solid = values[1][1] < 0.0;
         let mut excess = 0.0;
