@@ -1,7 +1,7 @@
 //! Cavities, drains and layers of a level set, in memory and on disk.
 //!
 //! Each analysis exists twice: for a level set in memory, and (`stored_`) for leaf files. Both read leaves through one
-//! interface and give the same result. World units, but for voxels and reaches.
+//! interface and give the same result. World units, but for voxels, reaches and the radius of channels.
 
 use super::error::{FileError, VdbError};
 use super::ffi::TileChoice;

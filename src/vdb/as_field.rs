@@ -3,10 +3,10 @@
 //! Values are interpolated quadratically along each axis. The bound of a region is the range of the voxels
 //! around it, widened by the overshoot of a parabola through three of them.
 //!
-//! The value at x is s phi(R^T (x - t) / s), for a placement with the scale s, the rotation R and the translation t. It is
-//! a distance within the band, with an error of third order in the voxel; beyond the band it is a lower bound with the
-//! right sign. Edges are rounded over a voxel. The laws `a_sampled_level_set_is_a_field_with_a_bound` and
-//! `resampling_keeps_the_solid` measure both.
+//! The value at x is s phi(R^T (x - t) / s), for a placement with the scale s, the rotation R and the translation t. It
+//! is a distance within the band, with an error of third order in the voxel; beyond the band it is 64 times the
+//! background, with the right sign. Edges are rounded over a voxel. The laws
+//! `a_sampled_level_set_is_a_field_with_a_bound` and `resampling_keeps_the_solid` measure both.
 
 use super::builder::LevelSetBuilder;
 use super::error::VdbError;
@@ -303,7 +303,7 @@ impl LevelSet {
         session: Session<'_>,
     ) -> Result<Self, VdbError> {
         let builder = LevelSetBuilder::new(transform, half_width)?;
-        // Voxels of twice the edge need no interpolation: every second voxel is a new one.
+        // Voxels of twice the edge on the same lattice need no interpolation, if the band determines the surface.
         if self.is_doubling(transform, placement, session) {
             for batch in self.coarser_leaves(half_width, session)? {
                 let block = batch.origins[0].aligned(BLOCK);

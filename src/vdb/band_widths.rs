@@ -71,8 +71,8 @@ impl LevelSet {
     }
 }
 
-/// Adds the values of a leaf to the extremes inside and outside. The first side is the inside. Whole rows of one side
-/// without flat voxels take the fast way.
+/// Adds the values of a leaf to the extremes inside and outside. The first side is the inside. Rows that are active and
+/// of one side throughout, without flat voxels, take the fast way.
 fn add_extremes(leaf: &LeafView<'_>, sides: &mut [SideExtremes; 2]) {
     let negative = voxel_mask::negative(leaf.values);
     let negative = negative.iter().flat_map(|word| word.to_le_bytes());

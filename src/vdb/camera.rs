@@ -1,7 +1,7 @@
 //! A camera whose frame fits a box.
 //!
-//! Samples are square and numbered by column and row, row 0 at the top. Axes are right, up and forward; the plane of
-//! samples passes through the middle of the box. Lengths are in world units.
+//! Samples are square and numbered by column and row, row 0 at the top. Axes are right, up and forward. The plane of
+//! samples passes through the middle of the box, or, for parallel rays, through the eye. Lengths are in world units.
 
 use super::ffi;
 use crate::frame::{Aabb, Vec3};

@@ -1,7 +1,7 @@
 //! Copies of a level set on voxels of twice the edge.
 //!
-//! This is the case of resampling in which every new voxel is an old one: distances come from the surface's points and
-//! not from interpolated values. Other cases are resampled as fields.
+//! This is the case of resampling in which every new voxel is an old one and the band determines the surface: distances
+//! come from the surface's points and not from interpolated values. Other cases are resampled as fields.
 
 use super::as_field::Placement;
 use super::error::VdbError;

@@ -44,7 +44,7 @@ pub(super) enum Side {
 }
 
 impl Side {
-    /// The tiles that can belong to it: the void has them all.
+    /// The tiles to list for it: for the void all, even those inside.
     pub fn tiles(self) -> TileChoice {
         match self {
             Self::Solid => TileChoice::Solid,
@@ -181,7 +181,8 @@ impl Ranking {
         let mut order: Vec<(Coord, usize)> = (0..whole.len())
             .filter_map(|root| Some((whole[root].place?, root)))
             .collect();
-        // Largest first; equal ones by place, so that the numbers do not depend on the order of uniting.
+        // Rounding last, then largest first; equal ones by place, so that numbers do not depend on the order of
+        // uniting.
         order.sort_by_key(|&(place, root)| (!is_deep(root), Reverse(whole[root].voxels), place));
         let mut number = vec![usize::MAX; whole.len()];
         for (component, &(_, root)) in order.iter().enumerate() {
@@ -345,8 +346,8 @@ fn is_on_side(value: f32, side: Side) -> bool {
     (value < 0.0) == (side == Side::Solid)
 }
 
-/// Joins the parts of leaves with those of the next leaves, and with tiles on all sides. `parts`
-/// holds for each leaf the member of its first part and the parts; `first_tile` is the member of the
+/// Joins the parts of leaves with those of the next leaves, with tiles on all sides, and, for the void, with the
+/// outside. `parts` holds for each leaf the member of its first part and the parts; `first_tile` is the member of the
 /// first tile.
 fn join_leaves(
     index: &LeafIndex<'_>,

@@ -1,7 +1,7 @@
 //! Errors of level sets and of their files.
 //!
-//! [`VdbError`] is of operations in memory, [`FileError`] of reading and writing, with the file's path. Messages of
-//! OpenVDB are quoted in one line. Cancellation is a variant of both.
+//! [`VdbError`] is of operations in memory, [`FileError`] of reading and writing, with the file's path and messages of
+//! OpenVDB on one line. Cancellation is a variant of both.
 
 use super::Session;
 use crate::band::StoreError;

@@ -218,8 +218,8 @@ pub(super) enum Loading {
     Delayed,
 }
 
-/// Reads one grid of any type. Without a name: `surface`, else the only level set, else the only grid of floats.
-/// Returns its name and the grid.
+/// Reads one grid of any type. Without a name: `surface`, else the only level set, else the only grid of floats or
+/// doubles, else the only grid; in a .nvdb file `surface` or the only grid. Returns its name and the grid.
 ///
 /// # Errors
 /// [`FileError::NoGrid`] with the grids that the file has, and those of reading.
@@ -307,7 +307,7 @@ impl ViewGrid {
 
 /// As [`pick`], for views: instead of a level set `surface` of more voxels than are wished, the finest copy that the
 /// file has of it (`surface_lod_1`, ...) with fewer, else its coarsest; without copies an average. With delayed
-/// loading, the level set itself is read only without copies. An error is one of reading.
+/// loading, the level set itself is read only without copies. Other names and .nvdb files give the grid itself.
 pub(super) fn pick_for_view(
     path: &Path,
     name: Option<&str>,

@@ -108,7 +108,7 @@ impl Volume {
         if !self.info.cubic && how.cubes == Cubes::Refuse {
             return Err(self.refuse_voxels(path));
         }
-        // The plan follows from class and values alone; no value is changed before the grid is accepted.
+        // The plan follows from the request, the class and the values; no value has changed so far.
         let plan = self.plan(how).map_err(|r| located.refuse(r))?;
         let map = self.info.map;
         let cubes = how.cubes;
@@ -155,7 +155,7 @@ impl Volume {
                 (solid, notes)
             }
         };
-        // So far the solid is in index space.
+        // So far a grid with a map is in index space.
         if let (Some(map), Cubes::Edge(edge)) = (map, cubes) {
             let half_width = how.half_width;
             let made = on_cubes(&solid, &map, edge, half_width, session);
@@ -239,13 +239,14 @@ impl Volume {
         notes
     }
 
-    /// Where the surface of a fog volume is. OpenVDB makes the fog of a level set with the density 0 at the surface and
-    /// 1 from the end of the band on, and so does Druse. The ramp's width is in voxels.
+    /// Where the surface of a fog volume is: at the foot of a ramp that rises evenly over enough voxels, as OpenVDB and
+    /// Druse make the fog of a level set, with the density 0 at the surface; else at half density. The ramp's width is
+    /// in voxels. Densities that do not end at 1 are refused.
     fn fog_plan(&self) -> Result<Plan, Refusal> {
         let high = self.survey.range.map_or(0.0, |r| r[1]);
         let low = self.survey.range.map_or(0.0, |r| r[0]);
         let low = low.min(self.info.background.unwrap_or(0.0) as f32);
-        // A fog's densities are at least 0, up to a tenth.
+        // A fog's densities go from 0 to 1: the least is above -0.1, the greatest from 0.9 to 1.1.
         if (FULL_FOG[0]..=FULL_FOG[1]).contains(&high) && low > -0.1 {
             let even = self
                 .slopes()

@@ -1,7 +1,7 @@
 //! Lookup of the leaf or tile at a voxel, and of the neighbours of a leaf.
 //!
 //! Two hash tables by origin, made once for a level set that must not change meanwhile: the index borrows its leaves. A
-//! voxel in no node counts as the unbounded outside.
+//! voxel in no leaf and no listed tile counts as the unbounded outside.
 
 use super::LevelSet;
 use super::error::VdbError;

@@ -1,7 +1,7 @@
 //! Leaves of a level set in memory, for analyses that read them one by one.
 //!
 //! The cavities, drains and layers of `analyses` read a level set through it. Leaves without active voxels are left
-//! out; their voxels count by the tiles around.
+//! out: their voxels count as outside.
 
 use super::error::VdbError;
 use super::index::LeafIndex;

@@ -1,7 +1,7 @@
 //! Views of the leaves and tiles of a level set, without copies.
 //!
 //! Views borrow the level set, which cannot change meanwhile. Values are in world units, negative inside. Leaves come
-//! in order of origin; tiles are the larger cubes of one value between them.
+//! in order of origin; tiles are the cubes of one value between them.
 
 use super::error::VdbError;
 use super::ffi::TileChoice;

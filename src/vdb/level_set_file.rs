@@ -68,7 +68,7 @@ impl LevelSetFile {
         })
     }
 
-    /// Writes the file under its path and removes the temporary ones. Nothing is left under the path if it fails.
+    /// Writes the file under its path and removes the temporary ones. If it fails, what the path names stays as it was.
     ///
     /// # Errors
     /// [`FileError::Io`], [`FileError::Cancelled`], or what OpenVDB refuses, such as a half width below 1.

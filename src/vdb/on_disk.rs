@@ -38,7 +38,7 @@ struct StoredComponents {
 /// Whether the labels of leaves stay in memory.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum BlockLabels {
-    /// For removals, which select voxels by them.
+    /// For removals and segments, which select voxels by them.
     Kept,
     /// For counts.
     Dropped,
@@ -47,7 +47,7 @@ enum BlockLabels {
 impl StoredComponents {
     /// Finds the components of a side. Blocks are labelled slab by slab along x, and joined to the blocks before them
     /// and to empty cubes; two slabs are in memory at once. `voxel_size` is in world units. With [`BlockLabels::Kept`]
-    /// the labels of leaves stay for a removal.
+    /// the labels of leaves stay, and rounding of 0 counts by its sign.
     fn find(
         store: &LeafStore,
         side: Side,

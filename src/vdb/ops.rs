@@ -4,8 +4,9 @@
 //! solid.
 //!
 //! Operations change the level set in place. After a failure of OpenVDB or a cancellation it is empty; after a refused
-//! parameter it is unchanged. Distances are in world units, widths of filters in voxels. By default smoothing and
-//! offsets are those of this crate; OpenVDB's tools are chosen by the session.
+//! parameter it is unchanged. Distances are in world units, widths of filters in voxels. By default offsets and the
+//! mean, Gaussian and Laplacian filters are those of this crate; the others, and all on request of the session, are
+//! OpenVDB's.
 
 use super::error::VdbError;
 use super::ffi::{Csg, Filter, Smoothing};

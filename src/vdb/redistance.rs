@@ -134,8 +134,8 @@ impl LevelSet {
         Ok(())
     }
 
-    /// Rebuilds the distances of the band from its surface points, and replaces the leaves that
-    /// differ. After an error the level set is empty. `operation` is its name in errors.
+    /// Rebuilds the distances of the band from its surface points, and replaces the leaves. After an error the level
+    /// set is empty. `operation` is its name in errors.
     pub(super) fn rebuild(
         &mut self,
         operation: &'static str,
@@ -168,7 +168,8 @@ impl LevelSet {
         })
     }
 
-    /// The leaves that differ after the rebuild. Nothing is written. They are sorted by origin.
+    /// The old leaves of the region after the rebuild, and new ones that are not as before. Nothing is written. They
+    /// are sorted by origin.
     fn changed_leaves(
         &self,
         how: Rebuild,

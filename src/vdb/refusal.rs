@@ -1,7 +1,7 @@
 //! Messages for grids that are refused: what was found, what is expected, and the remedy.
 //!
-//! The checks are elsewhere; this file words their results. Remedies name options of the command line and keys of a
-//! recipe.
+//! The checks are elsewhere; this file has the words that several share. Remedies name options of the command line and
+//! keys of a recipe.
 
 use super::error::{FileError, VdbError};
 use super::file::GridInfo;
@@ -28,8 +28,8 @@ impl Located<'_> {
         }
     }
 
-    /// The error of a failed operation on the grid: an open surface is a refusal with a remedy, any other failure is
-    /// one of OpenVDB.
+    /// The error of a failed operation on the grid: a cancellation stays one, an open surface is a refusal with a
+    /// remedy, any other failure is one of OpenVDB.
     pub fn failed(&self, error: VdbError) -> FileError {
         match error {
             VdbError::Cancelled(c) => FileError::Cancelled(c),

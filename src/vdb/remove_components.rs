@@ -7,9 +7,9 @@
 //!
 //! Marching solves |grad psi| = 1 upwind on the voxels, psi the distance from the remaining surface: with
 //! `a_1 <= a_2 <= a_3` the least known neighbours on the axes, psi is the greater root of
-//! `sum_i (psi - a_i)^2 = h^2` over the a below
-//! it. It is of first order; only voxels that belonged to a removed part of the band are solved. The laws
-//! `dropped_pieces_leave_no_trace` and `segments_are_what_is_left_when_all_other_pieces_are_removed` measure it.
+//! `sum_i (psi - a_i)^2 = h^2` over the a below it. It is of first order; only removed voxels and their part of the
+//! band are solved. The laws `dropped_pieces_leave_no_trace` and
+//! `segments_are_what_is_left_when_all_other_pieces_are_removed` measure it.
 
 use super::components::{Component, Components, Ranking, Side};
 use super::error::VdbError;
@@ -98,7 +98,7 @@ impl LevelSet {
         if !is_removed.contains(&true) {
             return Ok(removed);
         }
-        // Leaves with removed voxels are edited, tiles filled as a whole.
+        // Leaves are edited with their part of the band, tiles filled as a whole.
         let voxels =
             (0..index.leaves.len()).map(|leaf| (leaf, found.selected_in(leaf, &is_removed)));
         let mut edit = Removal::new(self, &index, side, voxels).edit();
@@ -242,7 +242,7 @@ impl<'a> Removal<'a> {
         (self.sign * value, active)
     }
 
-    /// The leaves after the removal, ascending. Tiles are added by the caller.
+    /// The leaves that change, after the removal, ascending. Tiles are added by the caller.
     pub fn edit(self) -> Edit {
         // `reset` are the voxels that change: removed ones, and those whose steepest descent leads to
         // them.
@@ -331,7 +331,8 @@ impl<'a> Removal<'a> {
         let mut heap: BinaryHeap<Reverse<(u32, Coord)>> = BinaryHeap::new();
         // The distance of a reset voxel from its known neighbours.
         let solve = |voxel: Coord, known: &HashMap<Coord, f32>| {
-            // The less of both neighbours on each axis; a reset neighbour counts once it is known.
+            // The less of both neighbours on each axis; a reset one counts once it is known, another one if it is
+            // active.
             let mut axes = [f32::INFINITY; 3];
             for (f, [x, y, z]) in FACES.into_iter().enumerate() {
                 let neighbour = voxel.offset(x, y, z);

@@ -115,7 +115,7 @@ impl Picture {
             let hits = samples.hits();
             let values = grid.map(|g| values_at(hits, view.eye, g)).transpose()?;
             let colours = ValueColours::new(values.unwrap_or_default());
-            // Occlusion within a twentieth of the part's size.
+            // Occlusion within a twentieth of half the box's diagonal.
             let reach = 0.05 * bounds.half_diagonal();
             let radius = reach / (SAMPLES_PER_EDGE as f64 * view.pixel());
             let openness = ambient_openness(&samples, reach, radius, session.progress)

@@ -100,7 +100,7 @@ impl Volume {
             }
             (false, false) => {}
         }
-        // Inside are the negative values, or the positive ones where signs are exchanged.
+        // Inside are the negative values, or the others where signs are exchanged.
         let inside = if repair.factor < 0.0 {
             survey.active - survey.negative
         } else {
@@ -164,8 +164,9 @@ impl Volume {
             .any(|l| l.values.iter().any(|&v| f64::from(v) * factor < 0.0))
     }
 
-    /// Scales distances that are not in world units. It only sets the factor in `repair`; `h` is the edge of a voxel.
-    /// Slopes near 1 change nothing, and values that are no distances only get a note.
+    /// Sets the factor in `repair` for distances that are not in world units, with a note; `h` is the edge of a voxel.
+    /// Where voxels are no cubes, distances become voxels, without a note. Slopes near 1, or too few of them, change
+    /// nothing, and values that are no distances only get a note.
     fn scale(&self, h: f64, repair: &mut Repair) {
         let slopes = self.slopes();
         if !self.info.cubic {

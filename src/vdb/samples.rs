@@ -68,7 +68,7 @@ impl Samples {
         }
         let mut numbers = Vec::new();
         for n in (0..width * height).filter(|&n| has_edge[n]) {
-            // Extra samples follow those of all pixels; the pixel keeps the number of its first one.
+            // Extra samples follow those of all pixels; the pixel keeps the number of its first extra one.
             self.extra[n] = (width * height + numbers.len()) as u32;
             numbers.extend((1..=EXTRA_SAMPLES).map(|k| number(width, n, k)));
         }

@@ -99,7 +99,7 @@ struct Surroundings<'a> {
 
 impl Surroundings<'_> {
     /// The openness of a hit in pixel (i, j). It falls from 1 with the samples around it that rise above the hit's
-    /// plane within the reach; beyond the picture nothing hides it.
+    /// plane within 1.5 times the reach; beyond the picture nothing hides it.
     fn openness(&self, hit: &Hit, i: usize, j: usize) -> f32 {
         const TAPS: usize = 16;
         let [width, height] = self.samples.size();

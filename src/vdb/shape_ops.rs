@@ -184,7 +184,7 @@ impl LevelSet {
         self.check_same_voxels(&operand)?;
         // Both distances are needed up to the radius.
         let extra = (radius / self.voxel_size() + 2.0 - self.half_width).ceil();
-        // A radius beyond so many voxels is cut off rather than refused.
+        // The band is widened by at most so many voxels; a greater radius is not refused.
         let extra = extra.clamp(0.0, 4096.0) as u32;
         self.widen(extra, session)?;
         operand.widen(extra, session)?;

@@ -1,7 +1,8 @@
 //! Smoothing by this crate's filter: leaves are copied out of the tree and back.
 //!
-//! It serves the mean, Gaussian and Laplacian filters; median and curvature flow are OpenVDB's. Values agree with those
-//! of OpenVDB to rounding and do not depend on the number of threads.
+//! It serves the mean, Gaussian and Laplacian filters, unless the session chooses OpenVDB's tools or a scheme of higher
+//! order; median and curvature flow are OpenVDB's. Values agree with those of OpenVDB to rounding and do not depend on
+//! the number of threads.
 
 use super::error::VdbError;
 use super::ffi::Filter;
@@ -89,7 +90,7 @@ impl LevelSet {
         let h = self.voxel_size();
         let smoothed: Result<Smoother, Cancelled> = session.threads.install(|| {
             let mut smoother = Smoother::new(leaves.len(), leaf, h, background);
-            // All iterations act on one copy of the leaves.
+            // All iterations act on two copies of the leaves: each pass reads one and writes the other.
             for _ in 0..iterations {
                 match kind {
                     Filter::Gaussian => smoother.gaussian(width, session.progress),

@@ -176,7 +176,7 @@ fn leaf_cubes(
     let mut cubes: Vec<CubeParts> = Vec::new();
     for (n, &v) in view.values.iter().enumerate() {
         let voxel = view.voxel(n);
-        // The whole cell is void.
+        // The whole cell is void, or is not selected.
         if v >= MAX_CUT_DISTANCE * h || !contains(voxel) {
             continue;
         }

@@ -75,9 +75,9 @@ struct BlockLeaves {
 }
 
 impl VdbWriter<'_> {
-    /// Writes grids from disk. Name, tags and voxels are those of the grids that were added, in their order, which must
-    /// be empty. The file equals that of the grids in memory: same content hash, nodes and tiles. A number of grids
-    /// that differs from that of names is an error as well.
+    /// Writes grids from disk to the temporary file `staged`. Name, tags and voxels are those of the grids that were
+    /// added, in their order, which must be empty. The file equals that of the grids in memory: same content hash,
+    /// nodes and tiles. Another number of grids than of names is an error as well.
     ///
     /// # Errors
     /// As [`VdbWriter::write_to`], and [`FileError::Leaves`].
@@ -126,6 +126,7 @@ impl VdbWriter<'_> {
                     session,
                 };
                 if !grid.write(stream.pin_mut(), index, &options)? {
+                    // Cancelled, which `write_with` then reports whatever this returns.
                     return Ok(0);
                 }
             }
@@ -162,7 +163,7 @@ impl StoredGrid<'_> {
     }
 
     /// Adds the grid to a content hash: its leaves, then its tiles. `half` is whether values are stored with 16 bits;
-    /// `factor` converts lengths to the file's unit. An attribute has a factor of its own.
+    /// `factor` converts distances to the file's unit. An attribute has a factor of its own, a fog none.
     fn hash(
         &self,
         hash: &mut ContentHash,
@@ -250,8 +251,8 @@ impl StoredGrid<'_> {
         }
     }
 
-    /// The leaves of a block, values multiplied by `factor` into the file's unit. Attributes have a
-    /// factor of their own.
+    /// The leaves of a block. Distances are multiplied by `factor` into the file's unit, attributes by a factor of
+    /// their own, densities by none.
     fn block(&self, origin: Coord, factor: f32) -> Result<BlockLeaves, LeafFileError> {
         let (attribute, store, factor) = match self {
             Self::Fog(fog) => return fog.block(origin),

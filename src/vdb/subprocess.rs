@@ -284,7 +284,7 @@ pub fn inspect(child: Command, path: &Path, limits: Limits) -> Result<FileInfo, 
 }
 
 /// Parent: starts the child, kills it at the time limit, and returns what it wrote if `out` is a pipe. A child that
-/// ends by itself with success is believed; any other end is an error that names the file.
+/// ends by itself with success is believed; any other end is an error of the file, or of a full temporary folder.
 fn run_child(
     mut child: Command,
     path: &Path,

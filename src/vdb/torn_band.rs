@@ -1,6 +1,6 @@
 //! Gaps in a narrow band: pairs of neighbours with different signs and at least one inactive voxel.
 //!
-//! At a gap the surface passes between two voxels one without a distance, so that its place is unknown. Operations and
+//! At a gap one or both of the voxels around the surface have no distance, so that its place is unknown. Operations and
 //! meshes need a band without gaps.
 
 use super::LevelSet;

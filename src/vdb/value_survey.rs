@@ -81,7 +81,8 @@ impl Survey {
             }
         }
         let last = leaf.voxel(511);
-        // Leaves within the box take the fast way: counts of bits and a range.
+        // Leaves without a voxel in the planes of the box's faces take the fast way, counts of bits and a range, if all
+        // is finite.
         let meets_face = (0..3).any(|a| {
             let within = leaf.origin[a]..=last[a];
             within.contains(&bbox[0][a]) || within.contains(&bbox[1][a])
@@ -143,8 +144,8 @@ fn is_outer(voxel: Coord, [low, high]: [[i32; 3]; 2]) -> bool {
 }
 
 impl Slopes {
-    /// Measures slopes by central differences at values below `max_magnitude`; `None` if too few voxels qualify. They
-    /// are quantiles: a tenth, the median and nine tenths. Of many leaves only some are measured.
+    /// Measures slopes by central differences at values below 0.98 of `max_magnitude`; `None` if too few voxels
+    /// qualify. They are quantiles: a tenth, the median and nine tenths. Of many leaves only some are measured.
     pub fn of(grid: &ffi::Grid, max_magnitude: f32) -> Result<Option<Self>, cxx::Exception> {
         let leaves = Leaves::of_grid(grid)?;
         let step = leaves.len().div_ceil(MAX_SLOPE_LEAVES).max(1);
@@ -169,7 +170,7 @@ impl Slopes {
         self.0[1]
     }
 
-    /// Whether slopes are nearly equal everywhere. Nearly means within 30 % between the tenth and the nine tenths.
+    /// Whether slopes are nearly equal everywhere: the tenth is above 0, and the nine tenths less than 30 % above it.
     pub fn is_uniform(self) -> bool {
         let [low, _, high] = self.0;
         low > 0.0 && high < 1.3 * low

@@ -1,8 +1,8 @@
 //! Grids of floats of any class: fog volumes, masks, grids of other programs.
 //!
-//! A grid is read, surveyed and described here without being changed. A level set is made of it by its
-//! isosurface, by the foot of a fog's ramp, or in `foreign` by repairs. Grids whose voxels are not axis-aligned
-//! cubes stay in index space until they are resampled.
+//! A grid is read, surveyed and described here; doubles become floats, and for views a large level set its means. A
+//! level set is made of it by its isosurface, by the foot of a fog's ramp, or in `foreign` by repairs. Grids whose
+//! voxels are not axis-aligned cubes stay in index space until they are resampled.
 
 use super::error::{FileError, VdbError};
 use super::file::{CoarseReading, GridInfo, Loading};

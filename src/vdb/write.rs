@@ -1,8 +1,8 @@
 //! Writing of `.vdb` files of format 224, through a stream that reports a full disk.
 //!
-//! Grids are added by name and written at once. The content hash covers names, types, transforms, topology and
-//! values as they are stored, in the order of names; it depends neither on the order of adding nor on the
-//! compression. A file appears under its name when it is complete, or not at all.
+//! Grids are added by name and written at once. The content hash covers names, types, classes, voxel sizes,
+//! backgrounds, topology and active values as they are stored, in the order of names; it depends neither on the order
+//! of adding nor on the compression. A regular file appears under its name when it is complete, or not at all.
 
 use super::attribute::Attribute;
 use super::error::FileError;

@@ -1,8 +1,8 @@
 //! Steepest ascent in one block: the local maximum that each voxel leads to, and where their basins meet.
 //!
 //! Voxels have a total order: falling distance, then ascending number. A voxel leads to a neighbour that is as far as
-//! any, if it is before the voxel in this order. Voxels beyond the measured distance are all equally far. A leaf of them
-//! only (a wide leaf) counts as one node; such voxels in a leaf beside it lead towards it where the way is as far
+//! any, if it is before the voxel in this order. Voxels beyond the measured distance are all equally far. A leaf of
+//! them only (a wide leaf) counts as one node; such voxels in a leaf beside it lead towards it where the way is as far
 //! throughout. This keeps the number of maxima small. Only maxima and meetings of basins are sorted.
 #![allow(clippy::inline_always)]
 

@@ -1,10 +1,9 @@
 //! Basins of one block: local maxima of the distance, and the levels at which they meet.
 //!
 //! The voxels of a maximum are its basin. While the level falls, basins meet; the shallower one is noise if it rises
-//! less
-//! than [`MIN_PROMINENCE`] above the meeting, and joins the other, unless it reaches a face of the block at that level
-//! or
-//! above, beyond which it may be deeper. Basins that remain, and the levels of their meetings, are the block's graph.
+//! less than [`MIN_PROMINENCE`] above the meeting, and joins the other, unless it reaches a face of the block at that
+//! level or above, beyond which it may be deeper. Basins that remain, and the levels of their meetings, are the block's
+//! graph.
 
 use super::MIN_PROMINENCE;
 use super::ascent::{Ascent, Labels, Meeting, UNLABELLED};

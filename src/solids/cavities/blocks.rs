@@ -1,10 +1,8 @@
 //! The graph of the void: basins of all blocks, and the levels at which they meet.
 //!
 //! A cell is a block near the surface, or a box of blocks far from it (`grid`). Basin 0 is the outside, with all void
-//! that
-//! is surely open. Only cells with other void are divided into basins; cells beside them give their faces alone, and
-//! the
-//! rest nothing (`Need`).
+//! that is surely open. Only cells with other void are divided into basins; cells beside them give their faces alone,
+//! and the rest nothing (`Need`).
 
 use super::ascent::UNLABELLED;
 use super::basins::{Basin, BlockBasins, Edge, Face, Patch};

@@ -2,9 +2,9 @@
 //! surface up to `reach`, in passes along x, y and z.
 //!
 //! The halo is what is read around the block, in leaves; the ring is how far a leaf with surface may lie from a voxel
-//! that it decides.
-//! The values are those of the source, in world units. A leaf without values has one sign; its rows are 1 or -1.
-//! Positions of leaves count from the first one of the halo, whose width is the measured reach, in whole leaves.
+//! that it decides. The values are those of the source, in world units. A leaf without values has one sign; its rows
+//! are 1 or -1. Positions of leaves count from the first one of the halo, whose width is the measured reach, in whole
+//! leaves.
 
 use super::Measure;
 use crate::leaf_source::LeafSource;

@@ -1,8 +1,8 @@
 //! Empty space on disk: cubes of 128 and 4096 voxels without leaves, and their connected components.
 //!
-//! A block of 128^3 voxels without leaves has one sign, by the signs of the blocks around it. Such blocks are united
-//! within a node of 4096^3 voxels, then over the faces of nodes. Members are numbers in the union-find of all
-//! components; the outside is member 0.
+//! A block of 128^3 voxels without leaves has one sign: that of the end of the block with leaves before it in its node,
+//! or, before all, of the beginning of the first. Such blocks are united within a node of 4096^3 voxels, then over the
+//! faces of nodes. Members are numbers in the union-find of all components; the outside is member 0.
 
 use super::super::components::{ComponentStats, Side};
 use super::step;
@@ -27,7 +27,7 @@ pub(super) enum EmptyCube {
     OtherSide,
 }
 
-/// The members of all cubes without leaves on one side.
+/// The members of cubes without leaves on one side; those of 4096 voxels outside are member 0.
 pub(super) struct EmptySpace {
     side: Side,
     /// For each node the member of each slot.
@@ -37,8 +37,9 @@ pub(super) struct EmptySpace {
 }
 
 impl EmptySpace {
-    /// Adds a member for each connected part of empty space, and its statistics; member 0 is the unbounded outside.
-    /// `stats` has an entry for each member and grows with `sets`.
+    /// Adds a member for each connected part of the empty slots of a node, and for each inside cube of 4096 voxels,
+    /// with its statistics; member 0 is the unbounded outside. `stats` has an entry for each member and grows with
+    /// `sets`.
     pub fn new(
         store: &LeafStore,
         side: Side,
@@ -51,7 +52,8 @@ impl EmptySpace {
             nodes: BTreeMap::new(),
             cubes: BTreeMap::new(),
         };
-        // Inner cubes of 4096 voxels without any block are members of their own.
+        // Inside cubes of 4096 voxels are members of their own; on the side of the void these are never joined or
+        // counted.
         for cube in store.inside_upper_cubes() {
             empty.cubes.insert(cube, sets.extend(1));
             stats.push(match side {
@@ -130,9 +132,8 @@ impl EmptySpace {
     }
 }
 
-/// Labels the slots of a node of 32^3 blocks that hold no block: one member for each connected part
-/// on a side. Returns the member of each slot. `value` is the background, the depth of the solid
-/// there.
+/// Labels the slots of a node of 32^3 blocks that hold no block: one member for each connected part on a side. Returns
+/// the member of each slot. `value` is the background, the depth of all such space.
 fn label_slots(
     node: &UpperNode,
     side: Side,

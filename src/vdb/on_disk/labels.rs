@@ -187,8 +187,8 @@ pub(super) fn label(
     })
 }
 
-/// Joins the parts of two neighbouring slots over their common face; slot `m` follows slot `n` on
-/// the axis. Members of the sets are all parts, then one member for each full slot.
+/// Joins the parts of two neighbouring slots over their common face; slot `m` follows slot `n` on the axis. Members of
+/// the sets are all parts, then one for each slot, which only full slots use.
 fn join_slots(
     n: usize,
     one: Slot,
@@ -228,8 +228,8 @@ fn join_slots(
     }
 }
 
-/// The voxels of all components on the six faces of the block, as one item of 64 bits for each slot
-/// and part. `label` maps parts, then full slots, to components.
+/// The voxels of all components on the six faces of the block, as one item of 64 bits for each slot and part. `label`
+/// maps parts, then slots, to components; only entries of full slots are valid.
 fn faces(slots: &[Slot], parts: &[Part], label: &[u32]) -> Faces {
     let mut faces = Faces::default();
     for (f, list) in faces.0.iter_mut().enumerate() {
