@@ -16,8 +16,7 @@ pub struct DenseValues {
 }
 
 impl DenseValues {
-    /// Reads them; `None` without any inside. `background` is the half width of the band, world units. `None` if no
-    /// voxel of the box is inside.
+    /// Reads them; `None` if no voxel of the box is inside. `background` is the half width of the band, world units.
     ///
     /// # Errors
     /// Those of the source.

@@ -269,8 +269,8 @@ impl<'a> Analysis<'a> {
             least
         };
         let mut sum = 0.0;
-        // What a pixel has gained over the layer below, as far as it has no support. A new pixel takes area from the one
-        // behind it, which was counted there.
+        // What a pixel has gained over the layer below, as far as it has no support. A new pixel takes area from the
+        // one behind it, which was counted there.
         let mut add = |row: usize, column: usize, area_below: f64| {
             let area = raster.pixel_area(row, column);
             let growth = area - area_below;

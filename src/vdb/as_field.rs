@@ -261,8 +261,8 @@ impl Field for SampledLevelSet {
         )
     }
 
-    /// Solids that touch in a plane of voxels were merged when they were sampled. What still parts them is a gap, and to
-    /// read a file changes nothing.
+    /// Solids that touch in a plane of voxels were merged when they were sampled. What still parts them is a gap, and
+    /// to read a file changes nothing.
     fn may_touch(&self) -> bool {
         false
     }

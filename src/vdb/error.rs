@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 /// Maximum number of cubes.
 pub const MAX_CUBES: u64 = 1 << 28;
 
-/// Why an operation on a level set failed. After a failure of OpenVDB or cancellation the level set is empty;
-/// after a refused parameter it is unchanged.
+/// Why an operation on a level set failed. After a failure of OpenVDB or cancellation the level set is empty, or as
+/// before the step that failed; after a refused parameter it is unchanged.
 #[derive(Debug, thiserror::Error)]
 pub enum VdbError {
     /// The user cancelled.

@@ -459,8 +459,8 @@ mod bridge {
         /// Completes the file; returns 0, or the error number of the first write that failed.
         fn stream_close(stream: Pin<&mut Stream>) -> Result<i32>;
 
-        /// Six values per sample: depth along the ray (infinite: no hit), unit normal, 1 on the cut and 0 on the surface,
-        /// 1 in the light and 0 in shadow. For the samples with given numbers, or for all, row by row.
+        /// Six values per sample: depth along the ray (infinite: no hit), unit normal, 1 on the cut and 0 on the
+        /// surface, 1 in the light and 0 in shadow. For the samples with given numbers, or for all, row by row.
         fn grid_trace(
             grid: &Grid,
             camera: &Camera,

@@ -73,8 +73,8 @@ enum Plan {
 
 /// A fog whose greatest value lies in this range has densities from 0 to 1.
 const FULL_FOG: [f32; 2] = [0.9, 1.1];
-/// The density of a level set made a fog rises evenly: the ninth decile of its slopes is at most this much more than the
-/// median. Where walls are thin, many slopes are less.
+/// The density of a level set made a fog rises evenly: the ninth decile of its slopes is at most this much more than
+/// the median. Where walls are thin, many slopes are less.
 const EVEN_SLOPE: f64 = 1.15;
 /// Least width of such a ramp, voxels. A narrower one is the edge of a smoothed mask, with the surface in its middle.
 const MIN_RAMP: f64 = 1.8;
@@ -179,8 +179,7 @@ impl Volume {
             "fog volume" => self.fog_plan(),
             class => {
                 let [low, high] = survey.range.unwrap_or_default();
-                // Values of both signs that change by one voxel per voxel are distances, whatever the
-                // class.
+                // Values of both signs with nearly equal slopes are distances, whatever the class and the unit.
                 let is_band =
                     low < 0.0 && high > 0.0 && self.slopes().is_some_and(Slopes::is_uniform);
                 if is_band {
@@ -241,7 +240,7 @@ impl Volume {
 
     /// Where the surface of a fog volume is: at the foot of a ramp that rises evenly over enough voxels, as OpenVDB and
     /// Druse make the fog of a level set, with the density 0 at the surface; else at half density. The ramp's width is
-    /// in voxels. Densities that do not end at 1 are refused.
+    /// in voxels. Other ranges than 0 to 1 are refused.
     fn fog_plan(&self) -> Result<Plan, Refusal> {
         let high = self.survey.range.map_or(0.0, |r| r[1]);
         let low = self.survey.range.map_or(0.0, |r| r[0]);

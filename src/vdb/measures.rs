@@ -5,8 +5,8 @@
 //!
 //! With phi and x in voxels, g the central differences of phi, and delta the smoothed Dirac delta,
 //! area = h^2 sum delta(phi) |g| and volume = h^3 / 3 sum delta(phi) g . x, over the active voxels with
-//! |phi| <= 1.5. Both are of second order in h; edges sharper than a voxel are rounded by the delta. Rows of eight voxels
-//! along z are summed side by side. The laws `volume_and_area_of_a_sphere_converge` and
+//! |phi| <= 1.5. Both are of second order in h; edges sharper than a voxel are rounded by the delta. Rows of eight
+//! voxels along z are summed side by side. The laws `volume_and_area_of_a_sphere_converge` and
 //! `measures_of_one_pass_are_those_of_each` measure them.
 // Inlined so that the code is compiled for the processor at hand.
 #![allow(clippy::inline_always)]

@@ -10,9 +10,9 @@ pub(crate) enum Exhausted {
     Threads,
 }
 
-/// Ends the process once memory or threads run out, in Rust or C++, with `words` on stderr, `json` on stdout and an exit
-/// code, where Rust would abort it. For a program that is the process: allocations of Rust end so only in the executable
-/// `druse`.
+/// Ends the process once memory or threads run out, in Rust or C++, with `words` on stderr, `json` on stdout and an
+/// exit code, where Rust would abort it. For a program that is the process: allocations of Rust end so only in the
+/// executable `druse`.
 pub(crate) fn end_on_exhaustion(cause: Exhausted, words: &str, json: &str, code: u8) {
     super::ffi::end_on_exhaustion(cause == Exhausted::Threads, words, json, i32::from(code));
 }

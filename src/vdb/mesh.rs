@@ -1,6 +1,6 @@
 //! Level set to mesh and back. OpenVDB's quads run clockwise seen from outside; this module reverses them.
 //!
-//! Druse's mesher makes the meshes; OpenVDB makes quads, for adaptive meshes and where the surface leaves the band.
+//! Druse's mesher makes the meshes; OpenVDB makes quads, adaptive meshes, and meshes where the surface leaves the band.
 //! Vertices are in world units, with the level set's origin added.
 
 use super::error::VdbError;

@@ -1,8 +1,8 @@
 //! Connected components of a solid on disk: counted and removed, as in memory.
 //!
 //! Each block of 128^3 voxels is labelled separately, from the parts of its leaves and the empty cubes of
-//! 8^3 voxels between them. Labels are united over the faces of blocks, slab by slab, and with the empty cubes around them,
-//! which are labelled per node of 4096^3 voxels. Memory holds a few bytes per label, and per leaf while
+//! 8^3 voxels between them. Labels are united over the faces of blocks, slab by slab, and with the empty cubes around
+//! them, which are labelled per node of 4096^3 voxels. Memory holds a few bytes per label, and per leaf while
 //! components are selected.
 
 use super::components::{Component, ComponentStats, Ranking, Side, UNBOUNDED_PLACE};
@@ -56,8 +56,8 @@ impl StoredComponents {
         session: Session<'_>,
     ) -> Result<Self, FileError> {
         let progress = session.progress;
-        // Removals, which keep the labels, and voids, whose places drains begin at, need the sign alone; bodies are those
-        // of the mesh.
+        // Removals, which keep the labels, and voids, whose places drains begin at, need the sign alone; bodies are
+        // those of the mesh.
         let is_kept = labels == BlockLabels::Kept;
         let threshold = if is_kept || side == Side::Void {
             0.0
@@ -209,8 +209,8 @@ impl StoredRemoval {
     }
 
     /// Removes the components from a part of the solid whose voxel (0, 0, 0) is voxel `first` of the whole.
-    /// The part must extend [`REMOVAL_REACH`](super::remove_components::REMOVAL_REACH) half widths beyond the region that is
-    /// used afterwards. Only its band is valid afterwards, not the signs beyond.
+    /// The part must extend [`REMOVAL_REACH`](super::remove_components::REMOVAL_REACH) half widths beyond the region
+    /// that is used afterwards. Only its band is valid afterwards, not the signs beyond.
     ///
     /// # Errors
     /// [`VdbError::Cancelled`], or errors of OpenVDB.

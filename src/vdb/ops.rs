@@ -3,10 +3,10 @@
 //! The sign of offsets is corrected here: OpenVDB's `offset(+d)` adds d to the distance, which shrinks the
 //! solid.
 //!
-//! Operations change the level set in place. After a failure of OpenVDB or a cancellation it is empty; after a refused
-//! parameter it is unchanged. Distances are in world units, widths of filters in voxels. By default offsets and the
-//! mean, Gaussian and Laplacian filters are those of this crate; the others, and all on request of the session, are
-//! OpenVDB's.
+//! Operations change the level set in place. After a failure of OpenVDB or a cancellation it is empty, or as before the
+//! step that failed; after a refused parameter it is unchanged. Distances are in world units, widths of filters in
+//! voxels. By default offsets and the mean, Gaussian and Laplacian filters are those of this crate; the others, and all
+//! on request of the session, are OpenVDB's.
 
 use super::error::VdbError;
 use super::ffi::{Csg, Filter, Smoothing};

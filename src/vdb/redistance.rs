@@ -2,8 +2,8 @@
 //!
 //! A rebuild finds the points of the surface, see [`SurfacePoints`], lists the leaves that the moved band can meet, and
 //! computes each of them anew: a voxel x gets d(x) - o, with d the signed distance to the surface and o the offset
-//! outwards, clamped to the half width. Leaves are computed from the old ones alone and written last, so that the result
-//! is the same at any number of threads. A wider band keeps the values of the old one to the bit.
+//! outwards, clamped to the half width. Leaves are computed from the old ones alone and written last, so that the
+//! result is the same at any number of threads. A wider band keeps the values of the old one to the bit.
 //!
 //! Distances are exact to second order in the distance between points of the surface. Offsets beyond 48 voxels go in
 //! equal steps, each with this error. The law `volumes_and_areas_of_offset_solids_converge_over_two_decades` measures

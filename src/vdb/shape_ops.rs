@@ -1,7 +1,7 @@
 //! Shape operations: wider bands, walls, trims, blends, fillets, and masked changes.
 //!
 //! All lengths are in world units but for the widths of bands. Signs are corrected here where OpenVDB's offsets have
-//! the other one. Errors leave the level set as `ops` states.
+//! the other one. After a cancellation the level set is empty, or as before the step that was cancelled.
 
 use super::builder::LevelSetBuilder;
 use super::error::VdbError;

@@ -42,7 +42,8 @@ const MIN_SLOPE_VOXELS: usize = 32;
 const CLIPPED_SHARE: f32 = 0.98;
 
 impl Survey {
-    /// Surveys all leaves, and all tiles that differ from the background; `bbox` is the bounding box of the active voxels.
+    /// Surveys all leaves, and all tiles that differ from the background; `bbox` is the bounding box of the active
+    /// voxels.
     pub fn of(grid: &ffi::Grid, bbox: Option<[[i32; 3]; 2]>) -> Result<Self, cxx::Exception> {
         let mut found = Self::default();
         let bbox = bbox.unwrap_or([[i32::MAX; 3], [i32::MIN; 3]]);

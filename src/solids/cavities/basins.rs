@@ -284,8 +284,8 @@ impl BlockGrowth<'_> {
     }
 }
 
-/// A face of a block at the first or the last end of an axis; `basin` gives the basin of a voxel of the void, by leaf and
-/// number in it.
+/// A face of a block at the first or the last end of an axis; `basin` gives the basin of a voxel of the void, by leaf
+/// and number in it.
 fn face(
     space: &BlockDistances,
     axis: usize,

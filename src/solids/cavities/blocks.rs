@@ -113,8 +113,8 @@ impl VoidGraph {
         Ok(graph)
     }
 
-    /// Joins the basins on both sides of a face between two cells, each pair at its highest level. The face is normal to
-    /// `axis`, at the lower end of the cell with this `origin`.
+    /// Joins the basins on both sides of a face between two cells, each pair at its highest level. The face is normal
+    /// to `axis`, at the lower end of the cell with this `origin`.
     fn join_faces(&mut self, own: NumberedFace, other: NumberedFace, axis: usize, origin: Coord) {
         // Both sides are the outside, which needs no edge to itself.
         if own.first == OUTSIDE && other.first == OUTSIDE {

@@ -6,8 +6,8 @@
 //! outside: the channels are the edges of a minimum spanning tree. The cost of a channel is its length, or, with a
 //! preferred direction, its length times 2 - cos(angle): 1 along it, 3 against it.
 //!
-//! In a *narrow* cavity no ball of the radius has room. Its channel begins where the largest ball that it holds has room,
-//! so that this ball enters the channel, and leads to a room, the outside, or the beginning of another channel.
+//! In a *narrow* cavity no ball of the radius has room. Its channel begins where the largest ball that it holds has
+//! room, so that this ball enters the channel, and leads to a room, the outside, or the beginning of another channel.
 
 use super::channels::{Search, SearchPlan};
 use super::narrow::{Narrow, narrow_cavities};

@@ -101,8 +101,8 @@ impl LeafSet {
         self.0[LAYER * x + y / 4] >> (16 * (y % 4)) & 0xffff
     }
 
-    /// The leaves of the middle one of 27 blocks, in order (x, y, z), that are at most `ring` leaves, and one block, away
-    /// from a leaf of the sets along each axis.
+    /// The leaves of the middle one of 27 blocks, in order (x, y, z), that are at most `ring` leaves, and one block,
+    /// away from a leaf of the sets along each axis.
     pub fn near(blocks: &[Option<&Self>; 27], ring: usize) -> Self {
         if blocks.iter().all(Option::is_none) {
             return Self::EMPTY;

@@ -1,9 +1,9 @@
 //! The part of the void that is surely open: from each of its voxels the largest ball that has room there moves outside
 //! along axes, never nearer to the solid. No cavity is in it.
 //!
-//! A leaf is open if the solid recedes in some direction ([`super::slopes`]) as far around the leaf as is measured, and the
-//! next leaf in that direction is open. The outside is open. This takes only the signs of the voxels. Distances are then
-//! measured in blocks with other leaves, and at the faces of the blocks beside those.
+//! A leaf is open if the solid recedes in some direction ([`super::slopes`]) as far around the leaf as is measured, and
+//! the next leaf in that direction is open. The outside is open. This takes only the signs of the voxels. Distances are
+//! then measured in blocks with other leaves, and at the faces of the blocks beside those.
 
 use super::Measure;
 use super::grid::{Cell, Grid};
@@ -192,8 +192,7 @@ impl Space {
     }
 }
 
-/// Opens leaves from the first cell of the grid on, which is outside. Changes the open state in `spaces`. Cell 0 is
-/// outside.
+/// Opens leaves from the first cell of the grid on, which is outside. Changes the open state in `spaces`.
 fn grow(grid: &Grid, spaces: &mut [Space], task: Task<'_>) -> Result<(), Cancelled> {
     let mut waiting: Vec<usize> = vec![0];
     let mut is_waiting = vec![false; spaces.len()];

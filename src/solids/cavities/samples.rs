@@ -95,9 +95,9 @@ pub(super) struct Samples {
 }
 
 impl Samples {
-    /// Reads the block at `origin`; `None` if no leaf with values lies in it or in the halo, so that nothing is to be
-    /// measured. `measure` has the reach in voxels, at least 1, and the box of all leaves. The halo is read with it;
-    /// cubes inside the solid count as leaves without values, and all others are outside.
+    /// Reads the block at `origin`; `None` beyond the reach of all leaves, or without a leaf with values in it and its
+    /// halo: nothing is to be measured. `measure` has the reach in voxels, at least 1, and the box of all leaves. The
+    /// halo is read with it; cubes inside the solid count as leaves without values, and all others are outside.
     pub fn read<S: LeafSource>(
         source: &S,
         origin: Coord,

@@ -1,8 +1,8 @@
 //! In which directions a solid recedes, by leaf.
 //!
 //! A solid recedes in a direction where each voxel inside has the one behind it inside too. A ball in the void moves in
-//! such a direction without coming nearer to the solid: the point of the solid that is nearest after the step would be as
-//! near before it, one step behind.
+//! such a direction without coming nearer to the solid: the point of the solid that is nearest after the step would be
+//! as near before it, one step behind.
 
 use super::distances::{place, slot_at};
 use super::leaf_set::LeafSet;

@@ -165,8 +165,8 @@ struct Tile {
 /// Pixels along the edge of a tile with one more at each end: the outline is also between a pixel and its neighbours.
 const GROWN: usize = TILE + 2;
 
-/// The pixels of the tile [row, column] `at` in the `count` layers from layer `first` on; `None` without any. A tile
-/// without solid pixel and outline is `None` as well.
+/// The pixels of the tile [row, column] `at` in the `count` layers from layer `first` on; `None` without solid pixel
+/// and outline.
 fn tile<S: LeafSource>(
     source: &S,
     frame: &Frame,
