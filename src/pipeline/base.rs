@@ -1,6 +1,6 @@
 //! What all stages of a run share: errors, the report's data, warnings, threads and voxels. A stage is one timed
 //! step of a run: reading, sampling, each operation, each measure, each output.
-//! The files here depend on the recipe and on geometry only, and not on the rooms of the stages that use them.
+//! The files here use the recipe, geometry and OpenVDB, and none of the modules of the stages.
 
 pub mod chain;
 pub mod context;

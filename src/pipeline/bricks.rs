@@ -347,7 +347,8 @@ struct Layout {
 /// The plan in bricks of a run that needs bricks or requests them; `None` for a run in memory.
 ///
 /// # Errors
-/// A shortage of memory that bricks cannot solve, a full disk, and errors of the inputs' field.
+/// A shortage of memory that bricks cannot solve, requested bricks that the run cannot use, a full disk, and errors of
+/// the inputs' field.
 pub(super) fn plan_if_needed(
     inputs: &Inputs,
     threads: &Threads,
@@ -400,7 +401,7 @@ pub(super) fn brick_bytes(inputs: &Inputs, plan: &BrickPlan) -> u64 {
 }
 
 /// Runs a recipe in bricks. They are kept beside the outputs until all is written, so that an interrupted run can
-/// resume. `plan` is replaced by that of an interrupted run with the same inputs.
+/// resume: its plan takes the place of `plan` where `resumable_plan` accepts it.
 ///
 /// # Errors
 /// [`RunError::Stopped`] after a cancellation with complete bricks, [`RunError::Busy`] if another run uses them,

@@ -106,7 +106,7 @@ pub fn run_keeping_solid(
 
     let needs_bricks = bricks::plan_if_needed(&inputs, &threads, options, progress)?;
     timer.end_stage("estimate")?;
-    // Too large for the memory: the same stages brick by brick.
+    // Too large for the memory, or bricks are requested: the same stages brick by brick.
     if let Some(plan) = needs_bricks {
         let results = bricks::run(&inputs, plan, options, &threads, &outputs, &mut timer)?;
         let report = finish_report(

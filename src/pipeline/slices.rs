@@ -44,8 +44,8 @@ const LAYERS_PER_GROUP: usize = 16;
 /// Rounding error of the surface of a sampled solid, voxels.
 const SURFACE_TOLERANCE: f64 = 1e-3;
 
-/// Cuts a recipe's solid into layers and passes them to `take` in order, each with the summary so far and its
-/// number from 0. Where all operations are pointwise it cuts the exact field, without a level set.
+/// Cuts a recipe's solid into layers and passes them to `take` in order, each with the summary so far and its number
+/// from 0. Where all operations act on the field it cuts the exact field, without a level set.
 ///
 /// # Errors
 /// As [`run`](super::run), but for outputs; and errors of `take`.

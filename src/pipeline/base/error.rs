@@ -1,6 +1,6 @@
 //! Errors of a run: those of its stages, and rules between its parts.
 //!
-//! An error names its place, what was found and what was expected. Hints on flags and commands are added by the
+//! An error names its place, what was found and what was expected. Most hints on flags and commands are added by the
 //! command line.
 
 use crate::band::BandError;
@@ -287,7 +287,8 @@ pub enum RunError {
 }
 
 impl From<VdbError> for RunError {
-    // For `render_parts`, which converts the errors of its pictures by itself; all other stages name themselves.
+    // For the generic `render_parts` and `block_patches`, which convert errors by themselves; all other stages name
+    // themselves.
     fn from(error: VdbError) -> Self {
         Self::level_set("picture")(error)
     }

@@ -47,8 +47,8 @@ impl Offsets {
             return None;
         }
         let count = self.count + 1;
-        // A shell of thickness t is |phi - d| - t/2. Its middle surface, at distance d, lies t/2 to the
-        // side of the wall.
+        // A shell of thickness t is |phi - d| - t/2. Its middle surface, at distance d, lies t/2 to the side of the
+        // wall, or at the old surface for both sides.
         let (distance, half_wall) = match op {
             Op::Dilate(m) => (m.distance.resolve(scale), None),
             Op::Erode(m) => (-m.distance.resolve(scale), None),

@@ -1,7 +1,7 @@
 //! The report of a run: the content of `report.json`.
 //!
-//! Lengths are in the recipe's unit, places in its coordinates. Values that were not measured are left out or
-//! null.
+//! Lengths are in the recipe's unit, places in its coordinates. Values that were not measured are left out or null; a
+//! merge of bricks has no sampling, so that its counts are 0.
 
 use super::deck_facts::{DeckFacts, MacroDeckFacts};
 use super::histogram::Histogram;

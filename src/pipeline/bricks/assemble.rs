@@ -98,8 +98,8 @@ impl BrickRun<'_> {
             .collect()
     }
 
-    /// Opens the leaf files of the solid after `ops` operations; a solid without leaves is an error that names the
-    /// last of them.
+    /// Opens the leaf files of the solid after `ops` operations; a solid without leaves is an error that names the last
+    /// of them, or the sampling for 0.
     fn open(&self, plan: Option<&Path>, files: &Files, ops: usize) -> Result<LeafStore, RunError> {
         let store = self.store(plan, files, self.progress)?;
         if store.leaves() == 0 {

@@ -71,8 +71,8 @@ impl BrickRun<'_> {
         Ok(())
     }
 
-    /// Writes the attribute files of one brick: for each word the values at its active voxels, block
-    /// by block and leaf by leaf. Files that are complete stay.
+    /// Writes the attribute files of one brick: for each word the values at its active voxels, block by block and leaf
+    /// by leaf. If all files are complete they stay; else all are written anew.
     fn make_brick_attributes(
         &self,
         brick: usize,

@@ -1,8 +1,8 @@
 //! Memory and disk space of a run in bricks.
 //!
-//! The memory is predicted from counts of leaves and voxels: the inputs, tables, one brick with its halo, and
-//! what the outputs hold. Margins are upwards. Disk space counts the leaf files of all passes, attributes and
-//! copies, and the outputs.
+//! The memory is predicted from counts of leaves and voxels: the inputs, tables, one brick with its halo, and what the
+//! outputs hold. Margins are upwards. Disk space here counts the leaf files of all passes, attributes, copies and
+//! components; callers add the outputs.
 
 use super::super::estimate::{Counts, rates, share_of_copies, solid_bytes};
 use super::halo::{coarser_copies, max_halo, needs_segments, passes, removal_halo, resamplings};
@@ -50,8 +50,9 @@ pub(crate) fn held_bytes(inputs: &Inputs) -> u64 {
         + tables
 }
 
-/// Memory of a run in bricks of `edge` blocks by a process that holds `held` bytes, bytes: what a run in memory
-/// takes for the leaves of a brick and its halo. A prediction with margins upward.
+/// Memory of a run in bricks of `edge` blocks, bytes: `held`, which the process holds already, buffers, the index of
+/// the stored leaves, and what a run in memory takes for the leaves of a brick and its halo. A prediction with margins
+/// upward.
 pub(crate) fn memory_bytes(
     inputs: &Inputs,
     threads: &Threads,
@@ -110,8 +111,8 @@ pub(crate) struct Budget {
     pub held: u64,
 }
 
-/// The greatest edge of bricks, in blocks, that a budget in bytes allows, or the requested one if it
-/// fits. `counts` are the estimated voxels and leaves.
+/// The greatest edge of bricks, in blocks up to `MAX_BRICK_EDGE`, that a budget in bytes allows, or the requested one
+/// if it fits. `counts` are the estimated voxels and leaves.
 ///
 /// # Errors
 /// The memory that the smallest bricks need, or the bricks that would fit.

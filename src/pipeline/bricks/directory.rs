@@ -23,8 +23,8 @@ const LOCK_FILE: &str = "lock";
 /// pause.
 const LOCK_ATTEMPTS: usize = 100;
 
-/// The brick directory of a run: `.NAME.bricks` beside its first `.vdb`, or its first output without one. `out` is
-/// the folder of the outputs, if the user gives one.
+/// The brick directory of a run: `.NAME.bricks` beside its first volume, or its first output without one; NAME is `run`
+/// without outputs. `out` is the folder of the outputs, if the user gives one.
 pub(crate) fn directory_beside(recipe: &Recipe, out: Option<&Path>) -> PathBuf {
     let outputs = &recipe.sections().output;
     let named = || outputs.iter().flat_map(|o| o.named());

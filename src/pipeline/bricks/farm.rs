@@ -106,7 +106,7 @@ pub fn make_bricks(
 }
 
 /// Merges the bricks of the plan in the file `path` and writes the recipe's outputs. The bricks stay; files that
-/// derive from them are removed.
+/// derive from them are removed after a success.
 ///
 /// # Errors
 /// As [`make_bricks`]; [`RunError::Bricks`] lists missing or damaged bricks; [`RunError::Busy`] when another

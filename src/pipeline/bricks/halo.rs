@@ -93,8 +93,8 @@ pub(crate) fn before_resampling(passes: &[Pass]) -> &[Pass] {
     &passes[..count]
 }
 
-/// Greatest move of the surface by the operations of some passes, voxels: the sum of their halos, which is an
-/// upper bound.
+/// Greatest move of the surface by some passes, voxels: the sum of the halos of those that apply operations, an upper
+/// bound.
 pub(crate) fn total_reach(passes: &[Pass]) -> i32 {
     let operation_passes = passes
         .iter()
@@ -146,8 +146,8 @@ pub(crate) fn resamplings(inputs: &Inputs, passes: &[Pass]) -> Vec<Resampling> {
     all
 }
 
-/// The pass of a range of operations `ops` of `all`; its halo is the sum of their reaches, a margin and the half
-/// width.
+/// The pass of a range of operations `ops` of `all`; its halo is the sum of their reaches, a margin and the half width
+/// in whole leaves, and 0 without operations.
 fn operations_pass(ops: Range<usize>, all: &[Op], voxels: Voxels) -> Pass {
     let sum: f64 = all[ops.clone()]
         .iter()

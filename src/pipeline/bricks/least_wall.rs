@@ -1,5 +1,5 @@
 //! Wall thickness of a solid in bricks, sampled in cubes spread over it, which do not depend on the bricks. Walls
-//! thicker than the halo are only counted.
+//! thicker than the halo are only counted; wider gaps are not.
 
 use super::BrickRun;
 use super::assemble::part;

@@ -103,7 +103,8 @@ pub(super) fn picture(
         let corners = [region.min, region.max].map(|c| transform.world(c).0);
         Aabb::of(corners).dilated(2.0 * context.scale.voxel_size)
     };
-    // The renderer requests each part three times: coarse, fine, shadows.
+    // The renderer comes to each part three times, for coarse and fine samples and shadows, and makes those that it
+    // needs.
     let visits = 3 * numbers.len() as u64;
     brick_run.progress.stage("picture", Some(visits));
     let boxes: Vec<Aabb> = numbers.iter().map(around).collect();

@@ -1,5 +1,5 @@
-//! The merge of bricks: from leaf files to measures and outputs, without the whole tree in memory. It follows the
-//! order of a run in memory and gives the same figures; only inscribed balls are limited in size.
+//! The merge of bricks: from leaf files to measures and outputs, without the whole tree in memory. It gives the figures
+//! of a run in memory; only inscribed balls are sampled otherwise and limited in size.
 
 use super::BrickRun;
 use super::deck::deck;
@@ -24,9 +24,9 @@ use crate::pipeline::outputs::{macro_deck, output};
 use crate::vdb::{stored_build_layers, stored_cavities, stored_components, stored_voids};
 use std::path::Path;
 
-/// Opens all bricks, measures the solid and writes the outputs. `plan` is the plan's file if bricks were made one
-/// by one. Wall thickness, cavities, gaps and layers are measured unless the run is brief. The sampling counts of
-/// the result are 0; the caller sets them.
+/// Opens all bricks, measures the solid and writes the outputs. `plan` is the plan's file if bricks were made one by
+/// one. Unless the run is brief, walls are measured, and cavities, gaps and layers where the recipe requests them. The
+/// sampling counts of the result are 0; the caller sets them.
 pub(super) fn merge_and_write(
     brick_run: &BrickRun,
     plan: Option<&Path>,

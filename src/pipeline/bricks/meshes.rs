@@ -1,7 +1,7 @@
 //! Mesh files of a solid in bricks, written while patches pass, each as its output requests.
 //!
-//! Bricks come in descending order, so that vertices on a seam have the number of the brick behind it. A file
-//! takes all triangles of the patches, the decimated ones, or the faces of OpenVDB's mesher; the last two are
+//! Bricks come in descending order, so that vertices on a seam have the number of the brick behind it. A file takes all
+//! triangles of the patches, the decimated ones, or the faces of OpenVDB's mesher. Decimated and projected faces are
 //! made block by block with a halo. No vertex or face depends on the edge of the bricks.
 
 use super::BrickRun;

@@ -114,8 +114,8 @@ impl BrickPlan {
         }
     }
 
-    /// Differences between a run and the plan, one sentence each: version, recipe, inputs, kind of
-    /// arithmetic, voxels. None if the plan is of this run.
+    /// Differences between a run and the plan, one sentence each: version, recipe, inputs of the plan, kind of
+    /// arithmetic, and voxels if nothing else differs. Empty if the plan is of this run.
     pub(in super::super) fn differences(&self, inputs: &Inputs) -> Vec<String> {
         let report = inputs.report();
         let (voxel_size, half_width) = voxel_size_and_half_width(inputs.recipe);

@@ -27,8 +27,8 @@ impl BrickRun<'_> {
             context.half_width,
             progress_session,
         )?;
-        // Components are numbered as passes after those of the recipe, so that their files have names
-        // and hashes of their own.
+        // Components are numbered as passes after those of the recipe and of copies, so that their files have names and
+        // hashes of their own.
         let first = self.passes.len() + usize::from(coarser_copies(self.inputs.recipe));
         let halo = removal_halo(context.half_width);
         self.progress.stage("segments", Some(found.len() as u64));

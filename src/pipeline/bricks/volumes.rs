@@ -183,7 +183,7 @@ impl<'a> Volumes<'a> {
             content_hash: Some(written.content_hash),
             ..output::file_entry(path, Some(unit))?
         }];
-        // The scene names all grids of the file, the level sets last.
+        // The scene names all grids of the file: the words, then the level sets that are none of them.
         if output.usda {
             let scene = path.with_extension("usda");
             let factor = recipe.unit().to(unit);

@@ -1,5 +1,5 @@
 //! Regions and portions of a resampling in bricks: which old voxels determine a region of new ones, and in which
-//! portions bricks are made so that no portion needs more memory than a brick of the plan.
+//! portions bricks are made. A portion needs no more memory than a brick of the plan, unless it is the smallest.
 
 use crate::band::{BLOCK, LEAF, Region, SurfacePoints};
 use crate::frame::{Aabb, Coord, Transform};
