@@ -103,8 +103,8 @@ impl<'a> EffectiveElements<'a> {
                     .physical_thickness()
                     .filter(|_| is_round && section.is_none_or(|t| t.thickness.is_none()))
                     .map(|t| t.resolve(recipe.scale()));
-                // Beams of one diameter by the volume fraction of the whole have the same parameter everywhere,
-                // which `fixed` holds for each law.
+                // Beams of one diameter, by the volume fraction of the whole or by the cell's own thickness, have one
+                // value everywhere, which `fixed` holds for each law.
                 let fraction = tiling.target_fraction.filter(|_| is_round);
                 let quantity = tiling
                     .graded_quantity()

@@ -142,7 +142,7 @@ pub(super) fn disk(inputs: &Inputs, leaf_bytes: u64) -> u64 {
         ..Counts::new(inputs, active, active / 220.0)
     };
     let outputs = inputs.recipe.sections().output.iter();
-    // Binary STL needs no buffer.
+    // Binary STL and beams need no buffer.
     let spools = outputs.filter(|o| {
         let path = o.mesh.as_deref();
         path.is_some_and(|p| p.extension().is_none_or(|e| e != "stl")) && !o.beams
@@ -342,7 +342,7 @@ fn operations(inputs: &Inputs) -> (Vec<(f64, f64)>, Voxels) {
     }
     let levels = sections.output.iter().filter_map(|o| o.lod).max();
     if let Some(levels) = levels {
-        // Each copy is made of the one before, which has a quarter of the voxels.
+        // Each copy is made of the one before and has a quarter of its voxels.
         let (copies, ns) = rates::resampling(voxels.coarser());
         all.push((copies, ns * (1.0 + share_of_copies(levels))));
     }

@@ -1,6 +1,6 @@
 //! Periods of cells for homogenization: from a section, a finished cell or a cell of a recipe. A period is the
-//! repeating box of a structure: a cell's own for a hex, several cells in a packing (an arrangement of tets that
-//! fills a cube) for a tet. `properties` computes with them.
+//! repeating box of a structure: a cell's own for a hex or quad, several cells in a packing (an arrangement of tets
+//! that fills a cube) for a tet. `properties` computes with them.
 
 use super::base::error::{CellFault, RunError};
 use super::base::warning::Warning;
@@ -63,7 +63,8 @@ pub fn cell_period(
     })
 }
 
-/// As `beam_period`; `resolve` completes paths of graphs. Diameters are in reference lengths.
+/// The struts or plates of a section as round beams; `None` where it describes something else, or a form that only a
+/// fitted cell has. Paths are used as they are; diameters are in reference lengths.
 ///
 /// # Errors
 /// [`RunError`]: an error of the graph; a thickness in units of length.
@@ -76,8 +77,7 @@ pub fn beam_period(
     round(name, section, element, packing, &Path::to_path_buf)
 }
 
-/// The struts or plates of a section as round beams; `None` where it describes something else, or a
-/// form that only a fitted cell has. `resolve` completes paths of graphs.
+/// As [`beam_period`]; `resolve` completes paths of graphs.
 fn round(
     name: &str,
     section: &CellSection,

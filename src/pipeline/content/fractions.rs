@@ -18,7 +18,7 @@ use std::convert::Infallible;
 
 /// Greatest number of elements that a density is summed over; beyond it every n-th element counts.
 const MAX_ELEMENTS: usize = 3000;
-/// Greatest number of regula falsi steps to the common level shift of several cells.
+/// Greatest number of secant steps to the common level shift of several cells.
 const MAX_STEPS: usize = 30;
 
 /// Whether a cell fills elements of a shape.

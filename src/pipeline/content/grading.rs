@@ -85,8 +85,7 @@ pub fn level_shifts(
         GradedQuantity::VolumeFraction => "tiling.volume_fraction",
         GradedQuantity::Thickness => "tiling.thickness",
     };
-    // Levels are tabulated in reference lengths. A world thickness is divided by the local size of the
-    // elements.
+    // Thicknesses are tabulated in reference lengths: a world thickness is divided by the local size of the elements.
     if quantity == GradedQuantity::Thickness {
         for (v, s) in values.iter_mut().zip(node_scales(scaffold, cell.element())) {
             *v /= s;

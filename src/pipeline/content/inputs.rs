@@ -1,8 +1,8 @@
 //! The inputs of a run, read once: meshes of its operations, its scaffold, its cells, its grids.
 //!
-//! Files are read in the order: solids of operations, standalone cells, the scaffold with its tiling, grids.
-//! All are read before the first stage, so that the stages agree on their contents. Offsets are chosen last,
-//! because they need the field.
+//! Files are read in the order: solids of operations, standalone cells, the scaffold with its tiling, grids. All are
+//! read before the sampling, so that the stages agree on their contents. Offsets are chosen last, because they need the
+//! field.
 
 use super::fractions;
 use super::tiling::CellTiling;
@@ -75,7 +75,7 @@ impl<'a> Inputs<'a> {
             inputs.load_standalone_cells(Session::new(threads, progress))?;
             inputs.load_tiling(Session::new(threads, progress))
         })?;
-        // The counts need the number of elements, and the volumes the boxes of all other files.
+        // The counts need the number of elements, and the comparison of boxes all files.
         inputs.visits = Visits::new(inputs.elements() as usize);
         inputs.volumes = Volumes::load(&mut inputs.files, threads, progress)?;
         inputs.files.compare_boxes()?;

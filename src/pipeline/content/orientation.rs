@@ -24,11 +24,11 @@ pub(super) struct Turned {
 }
 
 /// Turns the elements of a scaffold as the tiling's cells need it and replaces `loaded.scaffold` if any is turned.
-/// `cells` are the tiling's cells, for each name one per element shape; without any (round beams) nothing is
-/// turned.
+/// `cells` are the tiling's cells, for each name one per element shape; without any (round beams) nothing is turned.
 ///
 /// # Errors
-/// [`RunError::Misfit`] where no turns make the cells continue and the recipe does not allow blends.
+/// [`RunError::Misfit`] where no turns make the cells continue and the recipe does not allow blends;
+/// [`RunError::Tiling`] for `tiling.orient` without cells, and for directions that cannot be evaluated.
 pub(super) fn turn_elements(
     files: &mut InputFiles,
     loaded: &mut LoadedScaffold,

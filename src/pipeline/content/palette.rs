@@ -223,8 +223,8 @@ pub(crate) fn palette_cell(
     }
     let max_displacement = accuracy.tolerance * accuracy.voxel_size;
     for cell in &entry.cells {
-        // Errors of tables differ between element shapes, so tables must be accurate where shapes meet. Where the
-        // strict tolerance needs too large a table, the default one is taken.
+        // Errors of tables differ between element shapes, so tables must be accurate where shapes meet. Matched cells
+        // take the default tolerance where the strict one needs too large a table.
         let table = match shapes.len() {
             1 => Table::for_displacement(cell, max_displacement),
             _ if needs_matching => {
@@ -252,7 +252,7 @@ pub(crate) fn palette_cell(
         }
         entry.tables.push(table);
     }
-    // Tables of several shapes get as accurate as the faces need.
+    // Tables get as accurate as the shared faces need.
     refine_tables(scaffold, &mut entry);
     Ok(entry)
 }

@@ -130,8 +130,9 @@ fn check(recipe: &Recipe, name: &str, tiling: &TilingSection) -> Result<(), RunE
     Ok(())
 }
 
-/// The volume fraction, above 0 and below 1, that beams of one diameter must have in the scaffold. `None` if none
-/// is requested, for several cells, and for one that varies.
+/// The volume fraction, above 0 and below 1, that beams of one diameter must have in the scaffold. `None` if none is
+/// requested, for several cells, for one that varies or is out of range, and for a cell's own beside a thickness of the
+/// tiling.
 pub(crate) fn fraction(recipe: &Recipe, tiling: &TilingSection) -> Option<f64> {
     let [name] = tiling.cells()[..] else {
         return None;
@@ -397,7 +398,7 @@ fn sized_parts(
             Some([d, ..]) if weights.is_single() => {
                 network.sized(scaffold, Width::<RunError>::Constant(d), None, limits)
             }
-            // Weights times own thickness over the least one: the beam's diameter is the weighted mean.
+            // Weights times own thickness over the least one: the beam's diameter is the sum of these over its cells.
             Some(own) => {
                 let positive = own.iter().copied().filter(|&t| t > 0.0);
                 let unit = positive.fold(f64::INFINITY, f64::min);

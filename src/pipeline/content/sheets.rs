@@ -121,7 +121,8 @@ impl SheetThickness {
             ..options.tiling
         };
         let scaffold = &tiling.loaded.scaffold;
-        // The far field bounds distances; the near one finds the points of the mid-surface.
+        // The far field bounds distances, and is enough for estimates; the near one finds the points of the
+        // mid-surface.
         let far_options = TilingOptions {
             half_width: reach,
             ..mid
@@ -163,7 +164,7 @@ impl SheetThickness {
                 cache: std::array::from_fn(|_| Mutex::default()),
             }))
         };
-        // phi = d - t / 2, with d the distance to the mid-surface and t the local thickness.
+        // phi = |d| - t / 2, with d the signed distance to the mid-surface and t the local thickness.
         let sheet = Box::new(Sheet {
             distance,
             thickness,
@@ -244,8 +245,8 @@ struct GradedThickness<'a> {
 }
 
 impl GradedThickness<'_> {
-    /// The thickness at a grid point: `THICKNESS_STEP` voxels times integers. It is computed once and kept in the
-    /// cache, which is emptied when it is full.
+    /// The thickness at a grid point: `THICKNESS_STEP` voxels times integers. It is computed once and kept in a shard
+    /// of the cache, which is emptied when it is full.
     fn at_point(&self, point: Coord) -> f64 {
         let Coord([x, y, z]) = point;
         // Neighbouring points go to different shards, so that threads seldom wait for each other.

@@ -232,9 +232,9 @@ impl CellTiling {
         Ok(tiling)
     }
 
-    /// Values at the points of the interpolation, in their order. `spatial` evaluates them and names the key in
-    /// errors. Points outside the scaffold need no defined value: a field that does not reach them takes the
-    /// nearest value.
+    /// Values at the points of the interpolation, in their order. `spatial` evaluates them and names the key in errors.
+    /// Control points of the smooth interpolation may lie outside the scaffold: with `outside = "error"` a field must
+    /// reach the nodes only, and control points take its nearest value.
     fn values(
         &self,
         files: &mut InputFiles,
@@ -491,7 +491,7 @@ impl CellTiling {
         Ok(blend)
     }
 
-    /// A single cell as itself where nothing varies, and a blend otherwise. `cells` as for `blend`.
+    /// A single cell of one shape as itself where nothing varies, and a blend otherwise. `cells` as for `blend`.
     fn element_content<'a, C: CellField>(
         &'a self,
         cells: impl Fn(&'a PaletteCell) -> Vec<&'a C>,

@@ -50,7 +50,7 @@ fn of_hex(element: &ElementMap) -> Option<ElementFrame> {
     ElementFrame::of_map(element.jacobian(element.shape().centroid()))
 }
 
-/// The frame of a tetrahedron beside the tet of a packing; `None` for one without volume.
+/// The frame of a tetrahedron beside the tet of a packing, in the numbering of its vertices with the least stretch.
 fn of_tet(element: &ElementMap, packing: Packing) -> Option<ElementFrame> {
     let jacobian = element.jacobian(element.shape().centroid());
     let own: Vec<Vec3> = Element::Tet

@@ -72,8 +72,8 @@ impl Law {
         settings: LawSettings,
         session: Session,
     ) -> Result<Self, RunError> {
-        // Round beams are sampled once, at the mean diameter; their level then makes them thinner or
-        // thicker.
+        // Round beams of a graded thickness are sampled once, at the mean diameter; their level then makes them thinner
+        // or thicker.
         let mean = parameters.iter().sum::<f64>() / parameters.len().max(1) as f64;
         let source = cell.period(recipe, mean, session)?;
         let key = format!("cell.{}", cell.name);
@@ -131,7 +131,8 @@ impl Law {
                 let found = properties_from(grid, &shares, &properties, Some(&mut start), &quiet)
                     .map_err(failed)?;
                 stiffness = found.stiffness.unwrap_or(stiffness);
-                // A solid that does not percolate carries nothing along that axis.
+                // Where the solid does not percolate along an axis, the void alone carries; the first such value is
+                // noted.
                 let weak = ["x", "y", "z"]
                     .iter()
                     .zip(found.solid.percolates)
@@ -255,8 +256,9 @@ impl LawCell<'_> {
         recipe_period(recipe, self.name, &flags, self.packing, session)
     }
 
-    /// The level of the samples at which the graded quantity has the value `parameter`; `mean` is
-    /// the thickness that beams have at level 0.
+    /// The level of the samples at which the graded quantity has the value `parameter`; `mean` is the thickness that
+    /// beams have at level 0. Round beams have no cell. The fraction of a cell is that of its element, as in a run; a
+    /// thickness that no level gives takes the nearest one.
     fn level(
         &self,
         source: &CellPeriod,

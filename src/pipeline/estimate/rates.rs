@@ -60,7 +60,7 @@ pub(crate) const STORED_LEAF_BYTES: f64 = 16.0;
 pub(super) fn operation(op: &Op, on: Voxels) -> (f64, f64) {
     let voxels = |size: &Size| size.resolve(on.scale) / on.scale.voxel_size;
     let moved = |size: &Size| 200.0 * (2.0 * voxels(size)).max(1.0);
-    // OpenVDB's filters, which serve masks, take 14 times as long.
+    // With a mask, by which OpenVDB restricts the change, a Gaussian, mean or Laplacian filter counts 14 times.
     let factor = if op.mask().is_some() { 14.0 } else { 1.0 };
     let filter = |ns: f64, iterations: u32| (2.2, factor * ns * f64::from(iterations));
     match op {
@@ -126,8 +126,8 @@ pub(super) fn mesh_file_point_bytes(output: &Output, path: &Path) -> f64 {
         Some("3mf") => 21.0,
         _ => 100.0,
     };
-    // Decimation in bricks keeps the 2 % of points that lie between blocks; the share that an error limit keeps is
-    // unknown and counts as 1.
+    // Decimation in bricks also keeps the 2 % of points that lie between blocks, which are added for runs in memory
+    // too. Without decimation, or with an error limit, whose share is unknown, all points count.
     let section = output.decimate.as_ref().filter(|d| d.error.is_none());
     bytes * section.map_or(1.0, |d| (d.share.0 + 0.02).min(1.0))
 }

@@ -63,7 +63,7 @@ pub(crate) fn shape_with<'a>(
     if !shape.extent.size().iter().all(|s| s.is_finite()) {
         return Err(RunError::Unbounded(shape.name));
     }
-    // The offset comes last: phi - distance, or ||phi - distance| - half|... of a wall.
+    // The offset comes last: phi - distance, or |phi - distance| - half for a wall.
     if offsets.count > 0 {
         shape.extent = shape.extent.dilated(offsets.growth());
         shape.field = Box::new(Offset {

@@ -6,11 +6,11 @@
 //! not enough. Distances beyond convex edges of intersections and concave edges of unions are those to
 //! the edge.
 //!
-//! The field must be a distance: up to half the least wall inward and half the least gap outward, where
-//! surfaces meet. [`foot_error`] measures it on the offset field. If the error exceeds
-//! [`MAX_FOOT_ERROR`], distances are rebuilt from the surface of the level set ([`SurfacePoints`](crate::band::SurfacePoints)); so
-//! are later moves and those of files. OpenVDB's filters serve masks. Moves in one direction add up. A move back does not undo one (a
-//! dilation closes gaps), so `open`, `close` and reversals act on the level set.
+//! The field must be a distance: up to half the least wall inward and half the least gap outward, where surfaces meet.
+//! [`foot_error`] measures it on the offset field. If the error exceeds [`MAX_FOOT_ERROR`], distances are rebuilt from
+//! the surface of the level set ([`SurfacePoints`](crate::band::SurfacePoints)); so are later moves and those of files.
+//! OpenVDB's filters serve masks. Moves in one direction add up. A move back does not undo one (a dilation closes
+//! gaps), so `open`, `close` and reversals act on the level set.
 
 use super::field_ops::shape_with;
 use crate::band::Band;
@@ -28,12 +28,12 @@ use rayon::prelude::*;
 
 /// Greatest accepted root mean square of the field at the foot points, voxels.
 const MAX_FOOT_ERROR: f64 = 0.05;
-/// Number of voxels of the band, drawn over the whole solid, at which that error is measured.
+/// Greatest number of voxels of the band, drawn over the whole solid, at which that error is measured.
 const FOOT_SAMPLES: usize = 512;
 
-/// All moves of the surface as offsets of the field, for estimates of memory and time: whether or not its
-/// distances hold that far. Moves in both directions are added, which a run would not do; the sum is good enough
-/// for a prediction. Operations that only smooth, and all operations after a wall, are left out.
+/// All moves of the surface as offsets of the field, for estimates of memory and time: whether or not its distances
+/// hold that far. Moves in both directions are added, which a run would not do; the sum is good enough for a
+/// prediction. Only `dilate`, `erode` and `hollow` without a mask count, and none after a wall.
 pub(crate) fn predicted_offsets(inputs: &Inputs) -> Offsets {
     let (ops, scale) = (&inputs.recipe.sections().op, inputs.recipe.scale());
     let mut offsets = inputs.offsets();
@@ -88,8 +88,8 @@ fn field_offsets(
         is_field = next.is_some();
         let (mut method, mut error_voxels, mut why) = level_set_method(op);
         if let Some(next) = next {
-            // Sheets (walls of a given thickness around a mid-surface) measure distances by closest points, as far
-            // as needed; their error is not measured.
+            // Sheets (walls of a given thickness around a mid-surface) measure distances by closest points, as far as
+            // needed; their error counts as 0.
             let is_metric = inputs
                 .tiling()
                 .is_some_and(|tiling| matches!(tiling.content(), Content::Sheets(_)));

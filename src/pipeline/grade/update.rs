@@ -1,9 +1,9 @@
 //! The update of a grading: a filter, a power of measure over target, bounds, and the target by bisection.
 //!
-//! With the measure m of an element and its target t, the volume fraction grows by (m / t)^p, at most by the
-//! factor `step`, within the bounds. m is first filtered over the neighbours by a cone, which keeps the grading
-//! free of alternating elements. The target is the limit, or the one that gives the requested mass, by
-//! bisection of its logarithm. One update is one step: it does not converge by itself.
+//! With the measure m of an element and its target t, the volume fraction changes by the factor (m / t)^p, within a
+//! factor `step` either way and the bounds. m is first filtered over the neighbours by a cone, unless its radius is 0,
+//! which keeps the grading free of alternating elements. The target is the limit, or with a mass the one that gives it,
+//! by bisection of its logarithm. One update is one step: it does not converge by itself.
 
 use super::{GradeRule, centres};
 use crate::frame::Vec3;
@@ -188,8 +188,9 @@ impl Grading<'_> {
         sums.into_iter().map(mean).collect()
     }
 
-    /// The new grading: for a target of the measure (`limit`), or for the target that gives the requested mass.
-    /// The errors are bounds out of order, and a mass that they exclude.
+    /// The new grading: for `limit` as the target of the measure where no mass is requested, else for the target that
+    /// gives the mass, which is the present one by default. The errors are bounds out of order, and a mass that they
+    /// exclude.
     pub fn update(&self, update: &Update) -> Result<NewGrading, RunError> {
         let refuse = |message: String| Err(RunError::Tiling(message));
         let [low, high] = update.bounds;

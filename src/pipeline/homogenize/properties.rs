@@ -50,8 +50,9 @@ pub struct CellProperties {
     pub gradient: Option<Vec<Derivatives>>,
 }
 
-/// Why a number `n` of voxels along the period cannot be used: too coarse, odd, or too large for the free memory;
-/// `None` if it can. `keeps_solutions` where solutions are kept, for derivatives and sweeps.
+/// Why a number `n` of voxels along the period cannot be used: below `MIN_RESOLUTION`, odd, or above what the free
+/// memory or `MAX_RESOLUTION` admits; `None` if it can. `keeps_solutions` where solutions are kept, for derivatives and
+/// sweeps.
 pub fn resolution_fault(n: usize, settings: &Settings, keeps_solutions: bool) -> Option<String> {
     // Bytes per voxel of the sampling: a number per sample, and 16 beside them.
     let sampling = 8 * (SAMPLES_PER_VOXEL_EDGE as u64).pow(3) + 16;
@@ -147,8 +148,8 @@ pub(crate) fn shares_of(is_sharp: bool, samples: &Samples) -> Vec<f64> {
     if is_sharp { sharpened(&shares) } else { shares }
 }
 
-/// Derivatives of all properties by every coefficient of the cell's series, from the solutions of
-/// all load cases. `shares` are the shares of solid of the voxels at `level`, `start` holds the
+/// Derivatives of stiffness, conductivity and volume fraction by the level and every coefficient of the cell's series,
+/// from the solutions of all load cases. `shares` are the shares of solid of the voxels at `level`, `start` holds the
 /// solutions.
 fn gradient(
     source: &CellPeriod,
@@ -296,7 +297,8 @@ pub fn period_warnings(
     all
 }
 
-/// A description of phases that are disconnected or missing; `None` where solid and void go on along all axes.
+/// A description of phases that are disconnected or missing; `None` where the solid is one component that goes on along
+/// all axes, and so does the void if its permeability was computed.
 fn disconnected(period: &Period, found: &Properties) -> Option<String> {
     // The axes along which a phase does not connect the period to its images; planar cells have two.
     let axes = |percolates: [bool; 3]| -> Vec<&str> {

@@ -70,7 +70,7 @@ impl CellTiling {
             }
             values
         };
-        // Points that no cell of the tiling uses may have any value.
+        // Points that no element uses may have any value.
         let not_positive = (0..values.len()).find(|&n| self.counts[n] && values[n] <= 0.0);
         if let Some(n) = not_positive {
             let p = self.points[n];

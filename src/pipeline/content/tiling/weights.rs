@@ -1,10 +1,10 @@
 //! Weights of cells over a scaffold: from formulas and fields of a transition, or from an assignment of elements.
 //!
-//! Both give one list: for each point of the interpolation (a node of the scaffold, or a control point of the
-//! smooth interpolation) the weights of the palette's cells side by side, so that the weight of cell c at point p
-//! is `weights[p * cells + c]`. Weights are not negative. Their sum need not be 1, as the blend divides by it, but
-//! it must be positive at every point: a point that counts (`counts`: a corner of an element, or a point inside
-//! the scaffold) and has the sum 0 is an error of the blend; all others borrow weights here.
+//! Both give one list: for each point of the interpolation (a node of the scaffold, or a control point of the smooth
+//! interpolation) the weights of the palette's cells side by side, so that the weight of cell c at point p is
+//! `weights[p * cells + c]`. Weights are not negative. Their sum need not be 1, as the blend divides by it, but it must
+//! be positive. Of a transition only points that do not count (`counts`) borrow weights; the sum 0 at another is an
+//! error of the blend. Of an assignment a point without a weight gets the first cell.
 
 use super::CellTiling;
 use crate::frame::Vec3;
