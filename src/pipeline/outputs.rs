@@ -1,6 +1,6 @@
-//! The files of a run: level sets, meshes, beams and decks. `output_targets` resolves their paths, `output` writes
-//! each kind, `attributes` computes the values that shade them, `run_report` ends the run. A file appears under
-//! its name only when it is complete.
+//! The files of a run: level sets, scenes, meshes, beams, decks, pictures and the report. `output_targets` resolves
+//! their paths, `output` writes each kind, `attributes` computes the values that shade them, `run_report` ends the run.
+//! A file appears under its name only when it is complete.
 
 pub mod attributes;
 pub mod beams;

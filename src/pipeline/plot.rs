@@ -314,7 +314,7 @@ fn truncated<const D: usize>(
 fn chart(canvas: &mut Canvas, curve: &[(usize, f64)], against_source: bool) {
     let (left, top) = (MARGIN + 70, HEADER + SLICE + 3 * MARGIN + 34);
     let (width, height) = (2 * SLICE - 100, CHART - 78);
-    // An error of 0 has no logarithm.
+    // Errors up to `MIN_PLOTTED_RMS` are rounding, and 0 has no logarithm.
     let is_shown = |rms: f64| rms > MIN_PLOTTED_RMS && rms.is_finite();
     let shown: Vec<&(usize, f64)> = curve.iter().filter(|c| is_shown(c.1)).collect();
     if shown.len() < 2 {

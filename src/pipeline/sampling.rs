@@ -100,8 +100,8 @@ impl<'a> Probe<'a> {
         self.inputs.report().warnings
     }
 
-    /// The field at points in the recipe's unit, in their order. The cells are evaluated by their tables, or by
-    /// their series if `exact`.
+    /// The field at points in the recipe's unit, in their order. Cells other than round beams are evaluated by their
+    /// tables, or by their series if `exact`.
     ///
     /// # Errors
     /// Cells that do not fit the scaffold.

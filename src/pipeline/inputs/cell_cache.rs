@@ -33,8 +33,8 @@ struct FittedCell {
 }
 
 impl CellCache {
-    /// The cell of a section before its level is set: the kept one, if its keys and its file are the same, else
-    /// the one that `reader` makes, which is kept. Warnings and file go to `record` in both cases.
+    /// The cell of a section before its level is set: the kept one, if its keys and its file are the same, else the one
+    /// that `reader` makes, which is kept unless it has no key. Warnings and file go to `record` in all cases.
     pub(crate) fn cell(
         &self,
         reader: &SourceReader,

@@ -1,8 +1,8 @@
 //! Cells of a recipe: from their source to a level and a side that is solid.
 //!
-//! A cell is made of its source, or of other cells of the recipe; then its level is set by a level, a volume
-//! fraction or a thickness. A cell that is made of others is made after them; the recipe's check has refused
-//! circles.
+//! A cell is made of its source, or of other cells of the recipe; then a level, a volume fraction or a thickness sets
+//! its level. A cell with a target comes from a search, which sets its level too. A cell that is made of others is made
+//! after them; the recipe's check has refused circles.
 
 use super::input_files::InputFiles;
 use super::source::{SourceFault, SourceReader, SourceRecord, scaffold_hint};

@@ -126,7 +126,6 @@ impl FieldData {
     ///
     /// # Errors
     /// A missing value where the recipe gives no substitute, and a point outside with `outside = "error"`.
-    /// value.
     pub fn at(&self, p: Vec3) -> Result<f64, ReadError> {
         let found = match &self.source {
             // Grids interpolate between voxels, lists of values between nodes or nearest points.
@@ -251,8 +250,8 @@ impl ValueList {
         let invalid = |e: ScaffoldError| {
             ReadError::data(path, Place::File, e.to_string(), "a mesh of elements")
         };
-        // Solids interpolate point data within their elements. Surfaces give the value of the nearest
-        // node or face.
+        // Solids interpolate point data within their elements, and cell data are constant in each. Surfaces give the
+        // weighted mean of the nearest nodes or faces.
         let (places, element_numbers, mesh): (Vec<Vec3>, Vec<u64>, _) = match &file {
             ElementFile::Solids(file) => {
                 let nodes: Vec<Vec3> = file.scaffold.nodes().iter().map(|&v| map(v)).collect();

@@ -83,9 +83,8 @@ impl FieldGrid {
         (near, (near - index).norm() > 1e-6)
     }
 
-    /// The value at a point in index space (voxels of the file), trilinear between voxel centres. `outside` gives
-    /// the substitute for missing values, if there is one.
-    /// is one.
+    /// The value at a point in index space (voxels of the file), trilinear between voxel centres. `outside` gives the
+    /// substitute for missing values, if there is one.
     pub fn at(&self, index: Vec3, outside: Option<Outside>) -> Result<f64, Missing> {
         let first = index.map(f64::floor);
         let fraction = index - first;
@@ -132,8 +131,8 @@ impl FieldGrid {
         values.into_iter().map(f64::from).collect()
     }
 
-    /// The value of the nearest voxel that has one, within `MAX_SEARCH_RADIUS`; the first of equally near voxels.
-    /// `None` without any.
+    /// The value of the voxel nearest to one in the innermost shell that has any, within `MAX_SEARCH_RADIUS`; the first
+    /// of equally near voxels. `None` without any.
     fn nearest_value(&self, voxel: Coord) -> Option<f64> {
         // Shells of growing cubes, each sorted by distance. A corner of one shell may be farther than a
         // face of the next; the shell decides.

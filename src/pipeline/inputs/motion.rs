@@ -383,8 +383,8 @@ fn series_pose(recipe: &Recipe, template: &str, frame: i32) -> Pose {
     }
 }
 
-/// The pose at rest, to which `rest` attributes refer; `None` if it is that of the run. It is that
-/// of `rest_frame`, of the undisplaced file, or of the first frame of a series.
+/// The pose at rest, to which `rest` attributes refer: that of `rest_frame`, else the source as it is stored, or the
+/// first frame of a series without a displacement. `None` if that frame of a series is the run's.
 fn rest_pose(recipe: &Recipe, section: &ScaffoldSection) -> Result<Option<Pose>, RunError> {
     let requested = section.motion.as_ref().and_then(|m| m.rest_frame);
     let now = recipe.clock().frame;

@@ -1,9 +1,9 @@
 //! Scaffolds of a recipe, from a file or a parametric shape.
 //!
-//! A scaffold is made in this order: source (a file in its pose, a parametric shape, a filled mesh, the shell
-//! of a crystal), then without inverted elements, then divided and repeated as the section requests. It is
-//! validated once: folded and overlapping elements are refused, other defects become warnings. Numbers of
-//! elements and nodes are those of the file, also after a division.
+//! A scaffold is made in this order: source (a file in its pose, a parametric shape, a filled mesh, the shell of a
+//! crystal), then without inverted elements, then divided and repeated as the section requests. It is validated once:
+//! folded, degenerate and overlapping elements are refused, other defects become warnings. Numbers of elements and
+//! nodes are those of the file, also after a division.
 
 use super::input_files::InputFiles;
 use super::motion::{FileNodes, NodeMotion, NumberedScaffold, Pose, deformed, node_motion};
@@ -139,7 +139,7 @@ pub(crate) fn load(
         scaffold: &checked.scaffold,
         node_numbers: &checked.node_numbers,
     };
-    // The velocity needs the scaffold at other frames, read and divided in the same way.
+    // Velocity and place at rest need the scaffold at other frames, read and divided in the same way.
     let motion = node_motion(files, section, here, |files, pose| {
         let other = divided_scaffold(files, section, pose, progress)?;
         Ok((other.scaffold, other.node_numbers))

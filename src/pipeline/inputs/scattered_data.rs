@@ -1,5 +1,5 @@
 //! Interpolation of values at scattered points by inverse distance weighting: the mean of the nearest `NEIGHBOURS`
-//! values with weights 1 / d^2. It has no limit of distance and extrapolates to the nearest values.
+//! values with weights 1 / d^2. It has no limit of distance; far away it is their plain mean.
 
 use crate::frame::{Aabb, Vec3};
 use rstar::RTree;

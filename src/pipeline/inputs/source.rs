@@ -1,8 +1,8 @@
 //! Sources of cells: geometry in the reference frame of an element, from the keys of a section.
 //!
-//! Exactly one key names the source: a mesh, points, voxels, a graph, plates, a formula, a crystal, a named
-//! surface or a cell file. The last two are cells already; all others are fitted. What the reading finds out
-//! (boxes, warnings, the file) goes into a record for the report. The level is not set here.
+//! Exactly one key names the source: a mesh, points, voxels, a graph, plates, a formula, a crystal, a named surface or
+//! a cell file. The last two are cells already; all others are fitted, or transformed where voxels sample a period.
+//! What the reading finds out (boxes, warnings, the file) goes into a record for the report. The level is not set here.
 
 use super::crystals::Crystal;
 use super::fit_options::fit_options;

@@ -75,7 +75,7 @@ impl Volumes {
             if options.value.is_none() {
                 solid.rebuild_narrow_side(session).map_err(&failed)?;
             }
-            // A first solid on the recipe's own voxels is taken as it is, without a resampling.
+            // A first `union` without scaffold and placement, on the recipe's own voxels, is taken as it is.
             let starts = n == 0
                 && recipe.sections().scaffold.is_none()
                 && matches!(op, Op::Union(_))

@@ -59,8 +59,8 @@ pub(crate) fn measure(
 }
 
 impl BuildReport {
-    /// The report on layers; `origin` is the world position of voxel (0, 0, 0), from which heights along `up` are
-    /// counted.
+    /// The report on layers; `origin` is the world position of voxel (0, 0, 0), from which layers are numbered. Heights
+    /// are those of the world along `up`.
     pub(crate) fn new(request: &BuildRequest, found: &BuildLayers, origin: Vec3) -> Self {
         let base = origin.dot(&request.up);
         let height = |number: i64| base + number as f64 * request.layer_height;

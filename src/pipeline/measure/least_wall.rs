@@ -238,8 +238,8 @@ pub(crate) fn ball_at(
         along * along >= MIN_CONTACT_SINE * MIN_CONTACT_SINE * d.norm_squared()
             && q.value.dot(&inward) <= MAX_NORMAL_COSINE
     };
-    // A contact on the ray along the normal bounds the search. Where there is none, the radius doubles
-    // until a contact is found.
+    // A contact on the ray along the normal bounds the search. Where there is none, the radius doubles until a contact
+    // is found or the greatest radius is reached.
     let radius = if let Some(bound) = bins.ball_along(p, inward, radii.max, is_opposite) {
         let smallest = bins.smallest_ball(p, inward, bound, is_opposite);
         smallest.unwrap_or(bound)

@@ -202,7 +202,6 @@ fn judge_file(
     judge.list
 }
 
-/// Collects verdicts.
 /// What a number of parts may be.
 #[derive(Clone, Copy)]
 enum CountLimit {
@@ -210,6 +209,7 @@ enum CountLimit {
     AtMost(u64),
 }
 
+/// Collects verdicts.
 struct Judge {
     scale: Scale,
     /// Greatest diameter of walls and gaps that was measured, if it is limited.
@@ -284,8 +284,8 @@ impl Judge {
         format!("{} {}", short_number(v), self.scale.unit)
     }
 
-    /// Enters the requirement that a length is at least `least`. A value without a place is a bound:
-    /// it is greater than all lengths that are measured.
+    /// Enters the requirement that a length is at least `least`. A value without a place is the end of the measured
+    /// range, beyond which the length lies.
     fn at_least(
         &mut self,
         name: &'static str,

@@ -1,5 +1,5 @@
-//! Warnings of a finished solid: thin walls, components, cuts that miss it. They need the measures of the report
-//! only.
+//! Warnings of a finished solid: thin walls, components, removed ones, cuts that miss it. They need the recipe and the
+//! measures of the report only.
 
 use crate::pipeline::base::error::{RunError, short_number};
 use crate::pipeline::base::report::{RequestedThickness, SolidReport};
@@ -58,8 +58,8 @@ impl Inputs<'_> {
         Ok(())
     }
 
-    /// The text of W115 for walls that are thinner than one thickness that was requested everywhere; `None` if
-    /// they are not, or if operations may have changed them.
+    /// The text of W115 where half of the walls are thinner than `MIN_THICKNESS_SHARE` of one thickness that is
+    /// requested everywhere; `None` otherwise, without a measure, or with operations other than intersections.
     fn missed_thickness(&self, solid: &SolidReport, scale: Scale) -> Option<String> {
         let found = solid.thickness.as_ref()?;
         let Some(RequestedThickness::Uniform(requested)) = found.requested else {

@@ -17,7 +17,8 @@ use crate::vdb::{ComponentSelection, LevelSet, Session, VdbError, WallSide};
 /// to `report`.
 ///
 /// # Errors
-/// Errors of OpenVDB with the operation's name, a solid that is empty afterwards, and cancellation.
+/// Errors of OpenVDB with the operation's name, refused channels, a whole solid that is empty afterwards, and
+/// cancellation.
 pub(crate) fn apply(
     context: &mut StageContext,
     inputs: &Inputs,

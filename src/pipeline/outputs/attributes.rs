@@ -35,7 +35,7 @@ struct TilingAttributes<'a> {
 }
 
 impl<'a> Attributes<'a> {
-    /// Keeps the words that are attributes. `thickness` is required where it is among them; `factor` converts
+    /// Keeps the words that are attributes. Without `thickness` the values of that word are 0. `factor` converts
     /// lengths from the recipe's unit to the file's.
     pub fn new(
         context: StageContext,
@@ -116,7 +116,7 @@ impl<'a> Attributes<'a> {
                         let shape = f.tiling.loaded.scaffold.element(*e).shape();
                         out.extend(folded(shape, *xi).map(|c| c as f32));
                     }
-                    // Outside the scaffold: -1 for numbers, 0 for all other words.
+                    // Where no element is found: -1 for numbers, 0 for all words but the thickness.
                     (GridWord::CellId | GridWord::ElementId, None) => out.push(-1.0),
                     (word, None) => out.extend(std::iter::repeat_n(0.0, word.components())),
                     (GridWord::Surface | GridWord::Density, _) => {}
@@ -259,8 +259,8 @@ impl TilingAttributes<'_> {
     }
 }
 
-/// Reference coordinates reduced by the symmetry of the element: equal for all numberings of its nodes. For tets
-/// and triangles the greatest barycentric coordinates, for others absolute coordinates in falling order; heights
+/// Reference coordinates reduced by the symmetry of the element: equal for all numberings of its nodes. For tets,
+/// wedges and triangles the greatest barycentric coordinates, for others absolute coordinates in falling order; heights
 /// of wedges and pyramids stand last.
 fn folded(shape: Element, xi: CellPoint<3>) -> [f64; 3] {
     let sort_descending = |v: &mut [f64]| v.sort_by(|a, b| b.total_cmp(a));

@@ -1,5 +1,5 @@
-//! The struts of a graph over a scaffold as a beam lattice for a file, without voxels or triangles. Operations of
-//! the recipe, cuts and plates are not part of it.
+//! The struts of a graph over a scaffold as a beam lattice for a file, without voxels or triangles. Operations of the
+//! recipe and cuts are not part of it; plates are refused.
 
 use crate::beams::Beams;
 use crate::frame::{CellPoint, Vec3};
@@ -15,12 +15,12 @@ use std::collections::{BTreeSet, HashMap};
 const MAX_BEND: f64 = 1e-6;
 
 /// Every strut of every element as a beam, in recipe units; struts that neighbours share count once. A round-beam
-/// tiling returns
-/// the beams of the solid itself. Otherwise each end's radius scales with the cube root of the element's
-/// volume there. Shear of an element does not change the round section.
+/// tiling returns the beams of the solid itself. Otherwise the struts are those of the first cell, and each end's
+/// radius scales with the cube root of the element's volume there. Shear of an element does not change the round
+/// section.
 ///
 /// # Errors
-/// No scaffold, plates, elements of several shapes, and curved elements.
+/// No scaffold, and plates; without round beams also elements of several shapes, and curved elements.
 pub(crate) fn beams(inputs: &Inputs) -> Result<BeamLattice, RunError> {
     let fault = |message: String| RunError::Tiling(format!("beams: {message}"));
     let sections = inputs.recipe.sections();

@@ -193,7 +193,8 @@ fn quantity_word(quantity: Option<GradedQuantity>) -> &'static str {
     }
 }
 
-/// The comment on the material of a class, in the deck: the cell, its period, and the class's parameter.
+/// The comment on the material of a class, in the deck: the cell, its period, its volume fraction, and a thickness or
+/// level that is graded.
 fn note(elements: &EffectiveElements, law: &Law, cell: usize, parameter: f64) -> String {
     let quantity = match elements.cells[cell].quantity {
         Some(GradedQuantity::Thickness) => {

@@ -1,6 +1,6 @@
-//! Meshes of the finished solid in memory, as an output requests them: by OpenVDB's mesher, by the zeros of the
-//! exact field, or as the level set has them; decimated and with values at vertices on request. The faces are
-//! those of a run in bricks.
+//! Meshes of the finished solid in memory, as an output requests them: by OpenVDB's mesher, by the zeros of the exact
+//! field, or as the level set has them; decimated and with values at vertices on request. Faces that are not decimated
+//! are those of a run in bricks.
 
 use super::attributes::Attributes;
 use super::decimate::{Decimation, decimated};

@@ -171,8 +171,8 @@ pub(crate) fn add_surface<'a>(
     Ok(())
 }
 
-/// The grids of an output, in order: those that it names, or the surface. After a final operation `fog` it has the
-/// density, and the surface only by its name.
+/// The grids of an output, in order: those that it names, or the surface; with `fog` the density too. After a final
+/// operation `fog` it has the density, and the surface only by its name.
 pub(crate) fn words(recipe: &Recipe, output: &Output) -> Vec<GridWord> {
     let fog_alone = matches!(recipe.sections().op.last(), Some(Op::Fog(true)));
     let mut words = match &output.grids {

@@ -1,5 +1,5 @@
-//! The files that a run writes: their paths, and where its report goes. Everything is checked before the first
-//! stage, so that a long run does not fail at its end for a path.
+//! The files that a run writes: their paths, and where its report goes. Everything is checked before the solid is
+//! sampled, so that a long run does not fail at its end for a path.
 
 use super::output;
 use crate::io::atomic::{require_directory, require_writable};

@@ -136,7 +136,7 @@ fn axes(canvas: &mut Canvas, [left, top]: [usize; 2], view: &Mat3, reach: impl F
     }
 }
 
-/// Draws the colour bar from the least to the greatest modulus, and lines of text below it.
+/// Draws the colour bar between two moduli, and lines of text below it.
 fn legend(canvas: &mut Canvas, [min_modulus, max_modulus]: [f64; 2], lines: &[String]) {
     let (left, top, height) = (MARGIN + SQUARE + 16, HEIGHT - SQUARE - MARGIN + 16, 220);
     canvas.text(left, top - 18, "Young's modulus", TEXT_COLOUR);
@@ -148,7 +148,7 @@ fn legend(canvas: &mut Canvas, [min_modulus, max_modulus]: [f64; 2], lines: &[St
         }
     }
     canvas.frame([left, top], [left + 22, top + height], GRID_COLOUR);
-    // Five labels in equal steps from the least modulus to the greatest.
+    // Five labels in equal steps from the first to the second.
     for n in 0..=4 {
         let share = f64::from(n) / 4.0;
         let value = min_modulus + (max_modulus - min_modulus) * share;

@@ -30,15 +30,15 @@ pub struct SweepCurve {
     pub points: Vec<[f64; 2]>,
 }
 
-/// Draws curves over a common abscissa; the ordinate starts at 0. Ordinates that are not finite are left out.
-/// `abscissa` is the label of the axis.
+/// Draws curves over a common abscissa; the ordinate starts at 0. Points whose ordinate is not finite are left out,
+/// negative ones lie at 0. `abscissa` is the label of the axis.
 pub fn sweep_picture(title: &str, abscissa: &str, curves: &[SweepCurve]) -> Image {
     let mut canvas = Canvas::new(WIDTH, HEIGHT);
     let (width, height) = (WIDTH - LEFT_MARGIN - 250, HEIGHT - TOP_MARGIN - 70);
     let points = || curves.iter().flat_map(|c| &c.points);
     let (mut low, mut high) =
         points().fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(p[0]), h.max(p[0])));
-    // A single abscissa, or no point: an axis of length 1 around it.
+    // A single abscissa: an axis of length 1 around it.
     if low >= high {
         (low, high) = (low.min(high) - 0.5, low.max(high) + 0.5);
     }

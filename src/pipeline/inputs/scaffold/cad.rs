@@ -30,7 +30,8 @@ const POLL: Duration = Duration::from_millis(20);
 /// The mesh of a part, from the cache or made now. Solids with names are its groups.
 ///
 /// # Errors
-/// The part cannot be read, gmsh is not installed, or cannot mesh the part, in its own words.
+/// The part cannot be read, gmsh is not installed, or cannot mesh the part, in its own words; a file cannot be written;
+/// cancellation.
 pub(crate) fn cad_mesh(
     part: &Path,
     options: CadOptions,
@@ -157,7 +158,8 @@ impl Gmsh<'_> {
         )))
     }
 
-    /// A file that reads the part and makes groups of its named solids; `None` where none has a name.
+    /// A file that reads the part and makes groups of its named solids; `None` where none has a name, or a script
+    /// cannot hold the path.
     fn with_groups(&self, part: &Path) -> Result<Option<PathBuf>, GmshFault> {
         // A set of nodes for each solid, empty without a mesh: the sets have the names of the solids.
         let sets = self.folder.join("names.inp");
