@@ -1,5 +1,5 @@
 //! `druse cell info`, `eval`, `plot`, `homogenize`, `library` and `implicit`: the first two are here, the others
-//! in files of their names. Points and lengths are in the cell's reference coordinates.
+//! in files of their names. Points are in the cell's reference coordinates.
 
 use super::cell_text::{describe, facts, read};
 use super::context::Session;
@@ -88,14 +88,15 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     }
 }
 
-/// The operators and orbits of a named group, or of one in a file, on the named lattice. `radius` bounds the
-/// frequencies of the orbits, cycles per unit of length.
+/// The operators and orbits of a named group, or of one in a file, on a lattice (a default where none is named).
+/// `radius` bounds the frequencies of the orbits, cycles per unit of length.
 fn group_info(name: &str, lattice: Option<&str>, radius: f64) -> Result<Answer, Failure> {
     let path = Path::new(name);
     if !GROUP_NAMES.contains(&name) && path.is_file() {
         return group_file(path, lattice, radius);
     }
-    // The default lattice is that of the element whose whole group it is, or of the first that has it.
+    // The default lattice is that of the element whose whole group it is, or of the first that has it; C1 and groups
+    // of no element are cubic.
     let all = || {
         Element::SCAFFOLD_ELEMENTS
             .into_iter()
@@ -123,7 +124,7 @@ fn group_info(name: &str, lattice: Option<&str>, radius: f64) -> Result<Answer, 
     Ok(list_group(group, space, radius))
 }
 
-/// The same for a group from a file of generators; its own lattice is used unless one is named.
+/// The same for a group from a file of generators. The lattice of the file comes first, then `lattice`, then a default.
 fn group_file(path: &Path, lattice: Option<&str>, radius: f64) -> Result<Answer, Failure> {
     let fault = |e| crate::pipeline::group_fault(path, e);
     let group = crate::pipeline::read_group(path)?;
@@ -153,7 +154,7 @@ fn list_group<const D: usize>(group: PointGroup<D>, lattice: Lattice<D>, radius:
         .map(Element::name)
         .collect();
     let operators: Vec<String> = group.operators().iter().map(ToString::to_string).collect();
-    // The number of orbits grows with the third power of the radius.
+    // The number of orbits grows fast with the radius, the more so in more dimensions.
     let radius = radius.clamp(0.0, 16.0);
     let orbits = group.orbits(&lattice, radius);
     let generators: Vec<String> = group.generators().iter().map(ToString::to_string).collect();

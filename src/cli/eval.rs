@@ -96,7 +96,8 @@ fn columns(cells: &[String]) -> Vec<String> {
         .collect()
 }
 
-/// The numbers of a point, in the order of `columns`; NaN outside the scaffold.
+/// The numbers of a point, in the order of `columns`. Outside the scaffold the element is -1, the distance holds, and
+/// the other values are NaN.
 fn row(p: &[f64; 3], f: &FieldSample) -> Vec<f64> {
     let mut row = p.to_vec();
     row.push(f.phi);

@@ -49,8 +49,8 @@ pub(super) fn short(message: &str) -> String {
     format!("{head} ... {end}")
 }
 
-/// A text whose numbers of more than `MAX_DIGITS` digits have an exponent instead, as in 1e308; unchanged without
-/// such a number.
+/// A text whose numbers of more than `MAX_DIGITS` characters have an exponent instead, as in 1e308. Numbers beyond the
+/// range of `f64` stay; a text without other long ones is unchanged.
 pub(super) fn short_numbers(text: &str) -> Cow<'_, str> {
     let mut out = String::new();
     let mut kept = 0;

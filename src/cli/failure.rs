@@ -1,7 +1,7 @@
 //! Errors as the user sees them: one block on stderr, or one object with `--json`.
 //!
-//! Each kind of error of the library is converted here: its message, a hint that names flags and commands, its
-//! place in a file, and the exit status. Nothing else in the commands writes errors.
+//! Errors of the library are converted here, those of designs and of homogenisation beside their commands: message,
+//! hint with flags and commands, place in a file, exit status. Nothing else in the commands writes errors.
 
 use super::context::Session;
 use super::{excerpt, terminal};
@@ -196,7 +196,7 @@ impl Failure {
         })
     }
 
-    /// The error as text of several lines: message, place, excerpt of the file with a marker, hint.
+    /// The error as text of several lines: message, place, excerpt of the file with a marker, element, hint.
     /// With colours of a terminal if `colored`.
     fn block(&self, colored: bool) -> String {
         let paint = |code: &str, text: &str| {
@@ -340,7 +340,7 @@ impl From<ReadError> for Failure {
 }
 
 impl From<FileError> for Failure {
-    // Errors of `.vdb` files: a missing file, a failing system, damaged or wrong content, exhausted resources.
+    // Errors of `.vdb` files: missing, failing system, damaged or wrong content, exhausted resources, cancellation.
     fn from(e: FileError) -> Self {
         let (message, hint) = (e.to_string(), e.hint());
         let (code, file) = match e {

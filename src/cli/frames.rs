@@ -41,7 +41,6 @@ pub(super) fn check_paths<'a>(
 ) -> Result<(), Failure> {
     for path in inputs {
         // For its error alone: the tokens of a name are valid at every frame or at none.
-        // As above, for the tokens of the output.
         path_at(path, frames.frames()[0])?;
         check_series(path, frames.frames(), "the input")?;
     }

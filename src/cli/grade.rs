@@ -1,5 +1,5 @@
 //! `druse grade RECIPE --results r.frd --field S -o field.vtu`: a new grading from results of the recipe's deck.
-//! The recipe is not changed; it reads the written field in its next run.
+//! The recipe is not changed; its next run reads the written field if its keys name it.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -85,7 +85,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         other => Ok(other),
     };
     let recipe = Recipe::read(&p.recipe, &p.set)?;
-    // Results are in the unit of the deck that the recipe writes.
+    // Without --unit, results are in the unit of the recipe's deck; of a recipe without one, in its own.
     let deck_unit = p.unit.unwrap_or_else(|| {
         let outputs = &recipe.sections().output;
         let deck = outputs.iter().find(|o| o.is_macro_deck());

@@ -324,8 +324,8 @@ fn check_band_limit(
     }
 }
 
-/// The properties of one cell on the requested grid and on one half as fine, as the answer and in the files that
-/// the flags name.
+/// The properties of one cell on the requested grid and, if it holds the cell, on one half as fine: as the answer and
+/// in the files that the flags name.
 fn one(
     p: &Parameters,
     source: &CellPeriod,

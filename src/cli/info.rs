@@ -98,7 +98,7 @@ fn recipe(path: &Path) -> Result<(String, Value), Failure> {
     Ok((text, facts))
 }
 
-/// The summary of a mesh with its defects.
+/// The summary of a mesh with its defects, without a search for self-intersections.
 fn mesh(path: &Path, session: &Session) -> Result<(String, Value), Failure> {
     let solid = read_solid(path)?;
     let report = crate::mesh::check_with(&solid.file.mesh, false, session)

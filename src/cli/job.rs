@@ -1,5 +1,5 @@
-//! Job files for the items of a plan (bricks, frames) and their merge, for common queue systems. A file is made
-//! from a template, in which words with `@` are replaced; names are quoted for the shell.
+//! Job files for the items of a plan (bricks, frames) and their merge, for common queue systems. Scripts come from
+//! templates, in which words with `@` are replaced and names are quoted for the shell; Open Job Description is JSON.
 
 use clap::ValueEnum;
 use serde_json::json;
@@ -27,7 +27,7 @@ pub(super) struct Items {
 }
 
 /// The job file of the plan at `path`: its name, beside the plan, and its text. `threads` are those of each item;
-/// 0 means all cores.
+/// 0 means all cores, for Slurm one.
 pub(super) fn of(queue: Queue, path: &Path, items: &Items, threads: usize) -> (PathBuf, String) {
     let last = items.count.saturating_sub(1);
     let name = path.file_name().unwrap_or_default().to_string_lossy();

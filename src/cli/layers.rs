@@ -16,7 +16,6 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 
 #[derive(Args)]
-// clap would make a group of the struct's name, which several structs in one command have.
 #[group(skip)] // the name of the struct is that of others in one command
 pub(super) struct Parameters {
     /// List islands, cups, overhangs and cross-sections of a level set in layers of this height, as in 0.05mm.

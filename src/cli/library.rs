@@ -97,7 +97,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         let file_name = format!("{name}.cell");
         let path = p.output.join(&file_name);
         let bytes = write_cell(&path, &designed.cell)?;
-        // The cells so far are complete files, and the interrupted one continues from its own.
+        // The complete cells and the best one of this search stay as files; another run begins anew.
         if designed.is_stopped {
             return Err(interrupted(&path, &complete_names, fractions.len()));
         }

@@ -99,7 +99,6 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
 /// The folder of the outputs as an absolute path, where it is not in the folder of the plan, so that the plan by
 /// itself does not send files there; `None` where it is, or the user names none. A note shows the flag of the
 /// merge.
-/// itself does not send files there.
 pub(super) fn out_elsewhere(p: &Parameters, session: &Session) -> Option<PathBuf> {
     let folder = p.output.parent().unwrap_or(Path::new(""));
     let out = p.out.as_deref()?;

@@ -39,7 +39,7 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
-/// Draws a cell beside its source and lists the error by the number of coefficients.
+/// Draws a cell, beside its source if one is given, and lists the error by the number of coefficients.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::context::threads(p.threads)?;
     require_writable(&p.output)?;

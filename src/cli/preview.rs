@@ -1,5 +1,5 @@
-//! `druse preview FILE... -o X.png`: a shaded picture of level sets, meshes, cells and scaffolds, each brought
-//! onto voxels first. Pictures show no more detail than a fixed number of voxels along the longest edge.
+//! `druse preview FILE... -o X.png`: a shaded picture of level sets, meshes, cells and scaffolds. A level set keeps
+//! its voxels; the others are brought onto a fixed number along the longest edge first.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -169,8 +169,8 @@ pub(super) fn png(
     Ok(solid.render(&view, tools)?.png()?)
 }
 
-/// The solid of a file, as a level set: read, or made on about `PREVIEW_RESOLUTION` voxels along the longest side.
-/// Notes of readers are shown.
+/// The solid of a file, as a level set: read, or made on about `PREVIEW_RESOLUTION` voxels along the longest side, of
+/// a cell on fewer. Notes of readers are shown.
 fn solid_of(path: &Path, session: &Session, tools: vdb::Session) -> Result<LevelSet, Failure> {
     use FileKind::{Mesh, Scaffold, Vdb};
     Ok(

@@ -96,8 +96,7 @@ struct Origin {
 }
 
 impl Origin {
-    /// The recipe and hashes that a file records. Refuses files whose grids were changed after the
-    /// run.
+    /// The recipe and hashes that a file records. Refuses a file without a recipe, or with grids changed after the run.
     fn read(path: &Path, info: &FileInfo) -> Result<Self, Failure> {
         let meta = |key: &str| {
             // Some programs keep the tags of grids only.

@@ -1,6 +1,6 @@
 //! `--require FILE` of `druse check`: a part against requirements. Bare lengths of the requirements are in the
-//! unit of their file, the measures in that of the part. What only a run knows, or only voxels give, is refused
-//! with a hint.
+//! unit of their file, to which measures of the part are converted. Refused with a hint are requirements that only a
+//! run can judge and, of a mesh, those that need voxels.
 
 use super::failure::Failure;
 use super::output::Answer;
@@ -16,7 +16,6 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
 #[derive(Args)]
-// clap would make a group of the struct's name, which several structs in one command have.
 #[group(skip)] // the name of the struct is that of others in one command
 pub(super) struct Parameters {
     /// Check the part against the [require] section of this file, a recipe or a part of one.
@@ -28,7 +27,8 @@ pub(super) struct Parameters {
 }
 
 impl Parameters {
-    /// The requirements of the file, if one is given; refuses those that only a run can judge.
+    /// The requirements of the file, if one is given. Refuses those that only a run can judge, and those on layers
+    /// without `[build]`.
     pub(super) fn read(&self) -> Result<Option<RequireFile>, Failure> {
         let Some(path) = &self.require else {
             return Ok(None);
@@ -52,7 +52,7 @@ impl Parameters {
     }
 
     /// Checks the mesh of the file `path` against requirements. `report` is that of the solid's mesh, which must
-    /// bound a solid; requirements that need voxels are refused, and so is a mesh without a unit.
+    /// bound a solid. Requirements that need voxels, beams, and a mesh without a unit are refused.
     pub(super) fn judge_mesh(
         &self,
         require: &RequireFile,

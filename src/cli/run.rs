@@ -79,7 +79,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         ));
     }
     let recipe = Recipe::read(&p.recipe, &p.set)?;
-    // A damaged grid of a cell crashes OpenVDB; a child opens it first.
+    // A damaged grid of a cell can crash OpenVDB; a child opens it first.
     inspect_voxels(&recipe)?;
     let options = options(p, session)?;
     if p.dry_run {

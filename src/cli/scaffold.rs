@@ -187,7 +187,7 @@ fn certificate(
         text.push_str("no faces are shared\n");
     }
     let passed = found.value_jump_max <= tolerance;
-    // The worst faces with their elements and places.
+    // The worst faces whose jump exceeds the tolerance, with their elements and places.
     for seam in found.worst.iter().filter(|s| s.value_jump > tolerance) {
         let _ = writeln!(
             text,

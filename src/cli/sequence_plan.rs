@@ -172,8 +172,8 @@ struct Opened {
 }
 
 impl Opened {
-    /// Opens the plan of a sequence, and checks that it has items, that its files lie beside it, and that its
-    /// overrides send no output elsewhere: a plan may come from another machine.
+    /// Opens the plan of a sequence, and checks that it has items, that the plans of its frames lie beside it, and that
+    /// its overrides send no output elsewhere: a plan may come from another machine.
     fn new(path: &Path, options: RunOptions) -> Result<Self, Failure> {
         let plan = read(path)?;
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();

@@ -1,6 +1,6 @@
 //! Opening `.vdb` files in a child process, so that a damaged file cannot crash the program. The child is this
-//! program with a hidden command, limited in memory and time; it writes a grid or a description to a pipe.
-//! Commands never open an untrusted file themselves.
+//! program with a hidden command, limited in memory and time; it writes a description, or a coarse copy of a large
+//! level set, to a pipe. Any other grid is read again by this process, after the child has read it without harm.
 
 use super::context::Session;
 use super::failure::Failure;

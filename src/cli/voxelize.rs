@@ -36,7 +36,7 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
-/// Writes the level set of a mesh. Its unit is that of the flag, of the file, or millimetres, in this order.
+/// Writes the level set of a mesh. The mesh's unit is that of the flag, of the file, or millimetres, in this order.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let own = match p.unit {
         Some(unit) => Some(unit),

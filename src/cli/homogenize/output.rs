@@ -55,8 +55,8 @@ impl PeriodResults<'_> {
         all
     }
 
-    /// A table of every number as CSV: quantity, row, column, value; of derivatives also the coefficient. Row and
-    /// column are empty for scalars.
+    /// A table of every number as CSV: quantity, row, column, value. The name of a derivative has its coefficient.
+    /// Bounds and errors have a word as row, scalars nothing.
     pub fn csv(&self) -> String {
         let mut text = "quantity,i,j,value\n".to_owned();
         let fine = self.fine();
@@ -87,7 +87,7 @@ impl PeriodResults<'_> {
             for a in 0..3 {
                 let axis = ["1", "2", "3"][a];
                 line("E", axis, "", e.young[a]);
-                // Shear moduli and ratios are in Voigt order: 23, 13, 12, and 12, 13, 23.
+                // Shear moduli are in Voigt's order 23, 13, 12; Poisson's ratios in the order 12, 13, 23.
                 line("G", ["2", "1", "1"][a], ["3", "3", "2"][a], e.shear[a]);
                 line("nu", ["1", "1", "2"][a], ["2", "3", "3"][a], e.poisson[a]);
             }

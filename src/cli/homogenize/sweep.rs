@@ -115,8 +115,8 @@ impl Line {
     }
 }
 
-/// Solves for each volume fraction, starting from the previous solution, and writes a table and
-/// curves.
+/// Solves for each volume fraction, starting from the previous solution. Writes the table to the output, or prints it
+/// without one, and draws curves if a plot is requested.
 pub(super) fn answer(
     p: &Parameters,
     source: &CellPeriod,

@@ -37,7 +37,7 @@ pub(super) fn body(elements: Elements, max_triangles: usize) -> (Body, bool) {
         scaffold, fields, ..
     } = elements;
     let per_part = |of: usize| of * of;
-    // Triangles of all faces with n^2 parts each; a quad has twice as many as a triangle.
+    // Triangles of the outer faces, or of inner ones too. Curved ones have parts^2 pieces; a quad counts twice.
     let count = |parts: usize, inner: bool| -> usize {
         let faces = (0..scaffold.len()).flat_map(|e| scaffold.faces_of(e).map(move |f| (e, f)));
         faces
@@ -214,6 +214,7 @@ fn add_face(
             count += 1;
         }
     }
+    // Vertex (i, j) of the face: rows of j from the side of the first two corners.
     let vertex = |i: usize, j: usize| first + rows[j] + i as u32;
     let mut put = |t: [u32; 3]| {
         body.triangles
@@ -228,7 +229,6 @@ fn add_face(
             }
         }
     }
-    // Vertex (i, j) of the face: rows of j from the side of the first two corners.
     // The outline: two sides from the first corner, and the others.
     for k in 0..n {
         body.lines.push([vertex(k, 0), vertex(k + 1, 0)]);

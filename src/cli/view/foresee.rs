@@ -1,5 +1,5 @@
-//! What the page of a file would hold, for `--dry-run`. Numbers of triangles are exact for meshes and elements,
-//! estimates for level sets and cells; nothing is meshed.
+//! What the page of a file would hold, for `--dry-run`. Numbers of triangles are those of meshes (without beams) and
+//! of elements, estimates for level sets, and the limit of the flags for cells; nothing is meshed.
 
 use super::elements::Elements;
 use super::load::{VOXELS_PER_TRIANGLE, coarse_reading, kind_of};

@@ -220,7 +220,7 @@ fn at_voxel_size(
 }
 
 /// The edge of the voxels of the first step, recipe units, from the box of the solid; `None` where the box is
-/// unknown.
+/// unknown or empty.
 fn first_size(
     recipe: &Recipe,
     options: &RunOptions,

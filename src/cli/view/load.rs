@@ -189,7 +189,7 @@ fn level_set(
         let points: Vec<WorldPoint> = points.iter().map(|&x| WorldPoint(x / factor)).collect();
         let field = |grid: &Volume| -> Result<Field, Failure> {
             let mut values = grid.samples(&points)?;
-            // Thickness is a length and takes the unit of the page.
+            // A grid with thickness in its name holds lengths, which take the unit of the page.
             let is_length = grid.name().contains("thickness");
             if is_length {
                 for v in &mut values {
@@ -275,8 +275,8 @@ fn simplified(found: usize, kept: usize, notes: &mut Vec<String>) {
     }
 }
 
-/// The grids that colour a level set: those of --values, or all grids of floats beside `own`, the
-/// one that is shown.
+/// The grids that colour a level set: those of --values, or all grids of floats on cubes beside `own`, the one that is
+/// shown. Without --values there are none of a NanoVDB file, nor of a large file, which gets a note.
 fn values(p: &Parameters, own: &str, notes: &mut Vec<String>) -> Result<Vec<Volume>, Failure> {
     let reader = crate::cli::vdb::reader()?;
     let names: Vec<String> = match &p.values {

@@ -297,7 +297,7 @@ impl RecipeText {
                 text.replace_range(leaf.span.clone(), literal);
             }
         }
-        // Values are on one line, so that replacements keep the number of lines.
+        // Replacements keep the number of lines where a value stands on one; strings of several lines do not.
         let line_of = |at: usize| self.text[..at].matches('\n').count();
         let blocks: Vec<Range<usize>> = self
             .operations
