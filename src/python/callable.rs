@@ -1,9 +1,8 @@
 //! Fields that a Python function computes: values negative inside, world units.
 //!
 //! A call takes the interpreter's lock; an exception in one ends the sampling, and the field keeps it for the
-//! caller.
-//! The function is called on blocks of points. Its values at the centres of all leaves, computed first, bound it
-//! everywhere by its Lipschitz constant, so that culling calls no function.
+//! caller. The function is called on blocks of points. Its values at the centres of leaves (in a large box of some),
+//! computed first, bound it everywhere by its Lipschitz constant, so that culling calls no function.
 
 use druse::field::{Field, Interval, LeafBits, Leaves, SampleLattice};
 use druse::frame::{Aabb, Vec3, WorldPoint};
@@ -14,7 +13,7 @@ use std::sync::{Mutex, PoisonError};
 
 /// Points per call of the function.
 const BLOCK_POINTS: usize = 1 << 16;
-/// Greatest number of samples that bound the function.
+/// Greatest number of samples that bound the function, before one more is added along each axis.
 const MAX_BOUND_SAMPLES: f64 = (1 << 24) as f64;
 /// Voxels along the edge of a leaf.
 const LEAF_VOXELS: f64 = 8.0;
@@ -37,7 +36,8 @@ pub(crate) struct CallableField<'a> {
 
 impl<'a> CallableField<'a> {
     /// Samples the function around the box `extent`, with the band of `half_width` voxels. `lipschitz` is the
-    /// greatest slope of the function. If a call fails, the field is not sound and keeps the exception.
+    /// greatest slope of the function. After an exception the field is not sound and keeps it; a cancellation, or an
+    /// answer of another length, only leaves values that are NaN.
     pub(crate) fn new(
         function: Py<PyAny>,
         lipschitz: f64,
@@ -49,11 +49,11 @@ impl<'a> CallableField<'a> {
         let around = extent.dilated((half_width + 2.0) * voxel_size);
         let mut spacing = LEAF_VOXELS * voxel_size;
         let count = |spacing: f64| around.size().map(|s| (s / spacing).ceil() + 1.0);
-        // Samples at the centres of leaves bound the function around them; large boxes take coarser ones.
+        // A sample for each leaf along each axis; in large boxes for every second, fourth and so on.
         while count(spacing).product() > MAX_BOUND_SAMPLES {
             spacing *= 2.0;
         }
-        // Samples at the centres of leaves.
+        // Each sample lies at the centre of a leaf.
         let shift = Vec3::repeat((LEAF_VOXELS - 1.0) / 2.0 * voxel_size);
         let origin = (around.min / spacing).map(f64::floor) * spacing + shift;
         let counts = count(spacing).map(|c| c as usize + 1).into();
@@ -84,13 +84,13 @@ impl<'a> CallableField<'a> {
         field
     }
 
-    /// Whether no call has failed.
+    /// Whether no call has raised an exception.
     pub(crate) fn is_sound(&self) -> bool {
         let raised = self.raised.lock().unwrap_or_else(PoisonError::into_inner);
         raised.is_none()
     }
 
-    /// The exception of the call that failed.
+    /// The exception that a call has raised.
     pub(crate) fn take_exception(&self) -> Option<PyErr> {
         let mut raised = self.raised.lock().unwrap_or_else(PoisonError::into_inner);
         raised.take()

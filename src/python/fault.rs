@@ -1,5 +1,6 @@
 //! Errors of the library as exceptions of the package, in the words of the command line. The class of an exception
-//! follows from its kind (argument, recipe, file or another error); `_errors.py` of the package makes it.
+//! follows from its kind (argument, recipe, file or another error); `_errors.py` of the package makes it. An
+//! interrupt or a termination is `KeyboardInterrupt`.
 
 use druse::cli::Failure;
 use pyo3::exceptions::PyKeyboardInterrupt;
@@ -12,7 +13,7 @@ const FILE_CODES: [u8; 3] = [66, 73, 74];
 
 /// Why a call failed.
 pub(crate) enum Fault {
-    /// An error with the kind of its exception, its place and advice.
+    /// An error with the kind of its exception, its place and advice; one of a file or the system has the kind `file`.
     Shown(&'static str, Box<Failure>),
     /// An error of an argument.
     Argument(String),

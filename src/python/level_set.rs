@@ -1,6 +1,6 @@
 //! Level sets as Python objects: read, made from arrays, operated on, meshed and saved. Operations change the
-//! object in place; a boolean operation consumes its operand. One thread at a time may use an object, others get
-//! an exception and do not wait.
+//! object in place; a boolean operation consumes its operand. Several threads may read an object at a time, but
+//! while one changes it the others get an exception and do not wait.
 
 use crate::arrays::{self, Points};
 use crate::callable::CallableField;
@@ -106,7 +106,7 @@ fn in_use() -> Fault {
     )
 }
 
-/// The error of a level set that is consumed.
+/// The error of a level set that a boolean operation or a failure has consumed.
 fn consumed() -> Fault {
     Fault::Argument(
         "the level set is empty: a boolean operation consumed it, or an operation on it failed or was interrupted; \

@@ -106,7 +106,7 @@ impl Recipe {
             let probe = Probe::new(&self.recipe, &options, session.progress)?;
             Ok((probe.cells(), probe.evaluate(points, exact)?))
         })?;
-        // Weights are the same number for each point; the caller reshapes the list.
+        // Each point has one weight for each cell; the caller reshapes the list.
         let weights: Vec<f64> = found.iter().flat_map(|s| s.weights.clone()).collect();
         let samples = (
             PyArray1::from_vec(py, found.iter().map(|s| s.phi).collect()),

@@ -1,9 +1,9 @@
 //! Rules between the keys and sections of a recipe.
 //!
-//! Rules of a single key are in its type, and are checked when it is read. The rules here compare keys: exactly
-//! one of several, none without another, names that exist. They read no file but the recipe; what depends on
-//! the contents of files is checked by the run. An error has the place of a key, what was found and what is
-//! expected.
+//! Most rules of a single key are in its type, and are checked when it is read. The rules here compare keys (exactly
+//! one of several, none without another, names that exist) and refuse a few values. They read no file but the
+//! recipe; what depends on the contents of files is checked by the run. An error has the place of a key, what was
+//! found and what is expected.
 
 use super::error::{RecipeError, nearest};
 use super::op::Op;
@@ -27,8 +27,8 @@ pub(super) use require::section as requirements;
 /// `Err` is the first rule that the recipe breaks.
 type Checked = Result<(), RecipeError>;
 
-/// Checks all rules between the keys and sections of a recipe, in the order of its sections, so that
-/// the first error is the one to mend first. Rules of single keys are checked when they are read.
+/// Checks the version, and all rules between the keys and sections of a recipe, in the order of its sections, so that
+/// the first error is the one to mend first.
 pub(super) fn check(sections: &Sections, source: &Source) -> Checked {
     if sections.druse != VERSION {
         let found = sections.druse;
@@ -208,7 +208,7 @@ fn scaffold(sections: &Sections, source: &Source) -> Checked {
     }
 }
 
-/// Rules of `[tiling]`: one way to choose cells, and at most one graded quantity.
+/// Rules of `[tiling]`: one way to choose cells, at most `MAX_CELLS` of them, and at most one graded quantity.
 fn tiling_keys(tiling: &TilingSection, source: &Source) -> Checked {
     let mut given = Vec::new();
     given.extend(tiling.cell.iter().map(|_| "cell"));
@@ -386,8 +386,8 @@ fn no_voxels(length: Length, key: &str, source: &Source) -> Checked {
     }
 }
 
-/// Rules of one operation of its own keys; `key` is its place, as in `op.2`. References to cells and masks are
-/// checked elsewhere.
+/// Rules of one operation of its own keys; `key` is its place, as in `op.2`. Names of cells are checked by the caller,
+/// the files of masks by the run.
 fn operation(op: &Op, key: &str, source: &Source) -> Checked {
     if let Some(Operand::Plane(plane)) = op.operand()
         && plane.normal.iter().all(|c| c.0 == 0.0)

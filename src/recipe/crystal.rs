@@ -56,7 +56,7 @@ pub enum SurfaceRef<'a> {
 }
 
 impl<'a> SurfaceRef<'a> {
-    /// The surface given by `mesh` or, without it, by `crystal`; `None` without both, which the check refuses.
+    /// The surface given by `mesh` or, without it, by `crystal`; `None` if both are absent, which the check refuses.
     pub(super) fn of(
         mesh: Option<&'a Brief<FileFrame>>,
         crystal: Option<&'a CrystalRef>,

@@ -1,5 +1,5 @@
-//! `drain`: the keys of the operation that drills channels from cavities to the outside. The search is in `vdb`,
-//! the drilling in the pipeline.
+//! `drain`: the keys of the operation that drills channels from cavities to the outside. The search is beside that
+//! for cavities, the drilling in the pipeline.
 
 use super::brief::short;
 use super::quantity::{Finite, Size};

@@ -70,7 +70,7 @@ impl<'de, T: Forms> Visitor<'de> for FormVisitor<T> {
     }
 }
 
-/// Reads a value of the command line as TOML; a bare word is its own string.
+/// Reads a value of the command line as TOML. One of letters, digits and `_` alone is a string, also a number.
 pub(super) fn from_argument<T: DeserializeOwned>(s: &str) -> Result<T, String> {
     let is_bare = s.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
     let text = if is_bare {

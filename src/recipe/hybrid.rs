@@ -150,8 +150,8 @@ impl Hybrid {
         self
     }
 
-    /// The cell that the parts make; `cells` are they, in the order of [`Hybrid::parts`]. A Minkowski sum is
-    /// fitted with the options.
+    /// The cell that the parts make; `cells` are they, in the order of [`Hybrid::parts`]. A Minkowski sum or
+    /// difference is fitted with the options.
     ///
     /// # Errors
     /// [`CellError::Expression`]: no parts, several elements, a difference of one; those of
@@ -177,7 +177,7 @@ impl Hybrid {
                     return Err(CellError::Expression(none).into());
                 };
                 let mut cell = (*first).clone();
-                // A sum of several cells is made pair by pair.
+                // A sum or difference of several cells is made pair by pair.
                 for other in rest {
                     cell = minkowski(name, &cell, other, how, options, progress)?;
                 }

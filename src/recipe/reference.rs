@@ -141,7 +141,7 @@ impl Book {
     /// simple types.
     fn kind(&self, value: &Value) -> String {
         if let Some(name) = reference_name(value) {
-            // Small types are described in place, others have a section to link to.
+            // A choice between a table and its first key is described in place; other types have a section to link to.
             if is_inline(name) {
                 return self.kind(&self.definitions[name]);
             }

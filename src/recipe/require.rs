@@ -1,5 +1,5 @@
-//! `[require]`: requirements on the finished part. A run checks them after its outputs are written. Rules between
-//! the keys are in `check`; the verdicts are made where solids are measured.
+//! `[require]`: requirements on the finished part. If one is not met, the outputs are written all the same. Rules
+//! between the keys are in `check`; the verdicts are made where solids are measured.
 
 use super::quantity::{Positive, Size};
 use schemars::JsonSchema;

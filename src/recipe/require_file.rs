@@ -32,7 +32,7 @@ struct Sections {
 }
 
 impl RequireFile {
-    /// Reads a file. Its frame tokens and lengths are treated as in a recipe; lengths stay as written.
+    /// Reads a file. Frame tokens are replaced as in a recipe; lengths stay as written.
     ///
     /// # Errors
     /// [`RecipeError`]: the file is missing, unreadable, or has no valid `[require]`.

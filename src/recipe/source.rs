@@ -174,9 +174,8 @@ impl Source {
     /// the texts with tokens are kept.
     pub(super) fn deserialize<T: DeserializeOwned>(&mut self) -> Result<T, RecipeError> {
         let (text, overrides) = (self.text.clone(), self.overrides.clone());
-        // Each override is parsed as `v=VALUE` behind spaces, so that its span is the virtual one; "v=" takes the
-        // last two.
-        // Spans of override values start at their virtual place when parsed behind that much padding.
+        // Each override is parsed as `v=VALUE` behind spaces, so that the span of its value starts at its virtual
+        // place; "v=" takes the last two places before it.
         let padded: Vec<String> = (0..overrides.len())
             .map(|n| {
                 let value = overrides[n].split_once('=').map_or("", |kv| kv.1);
@@ -206,8 +205,8 @@ impl Source {
 
 type Value<'i> = Spanned<DeValue<'i>>;
 
-/// Sets the key of one override to its value; `padded` is "v = VALUE" with the value at
-/// its virtual place.
+/// Sets the key of one override to its value; `padded` is `v=VALUE` behind spaces, with the value at its virtual
+/// place.
 fn graft<'i>(
     root: &mut DeTable<'i>,
     text: &'i str,
@@ -221,7 +220,7 @@ fn graft<'i>(
     let value = DeTable::parse(padded)
         .ok()
         .map(Spanned::into_inner)
-        // What is no value of TOML, as a bare word or a path, is a string.
+        // A text that is not one value of TOML, as a bare word, a path or several lines, is a string.
         .filter(|table| table.len() == 1)
         .and_then(|mut table| table.remove("v"))
         .unwrap_or_else(|| {
@@ -260,8 +259,8 @@ fn set<'i>(
     set_in(child.get_mut(), name, &parts[1..], value, key_span)
 }
 
-/// Sets a value below a node of the document. `name` is the node's path in errors, `parts` are the
-/// keys that lead on from it, and `key_span` is the place of an override, for entries that it adds.
+/// Sets a value below a node of the document. `name` is the nearest key above it, for errors; `parts` are the keys
+/// that lead on from it, and `key_span` is the place of an override, for entries that it adds.
 fn set_in<'i>(
     node: &mut DeValue<'i>,
     name: &str,

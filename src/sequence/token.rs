@@ -1,5 +1,6 @@
-//! Frame tokens in file names: `$F4`, `$F`, `####`, `%04d`. The number is the least number of digits, filled with
-//! zeros; one of a longer frame has more. All tokens of a name must have the same width.
+//! Frame tokens in file names: `$F4`, `$F`, `####`, `%04d`. Their number, or the number of signs `#`, is the least
+//! number of digits (1 without one), filled with zeros; a longer frame has more. All tokens of a name must have the
+//! same width, at most 12.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -38,7 +39,7 @@ struct Token {
     width: usize,
 }
 
-/// The tokens of a text, in order: `$F` with digits, two or more `#`, or `%` digits `d`.
+/// The tokens of a text, in order: `$F` or `$F4` with no letter after it, two or more `#`, `%d` or `%04d`.
 fn tokens(text: &str) -> Vec<Token> {
     let bytes = text.as_bytes();
     let digits_end = |from: usize| {

@@ -157,7 +157,7 @@ _ORIENT_KEYS = ("toward", "up", "mismatch", "width")
 
 
 def _turning(orient: Any) -> dict[str, Any]:
-    """All keys of `orient` as the recipe has them; None for those that are left out."""
+    """All keys of `orient` as the recipe has them; without them `mismatch` is "error", the others are None."""
     if isinstance(orient, str):
         if orient != "auto":
             raise ArgumentError(f'orient is {orient!r}; expected "auto", a vector of three numbers, or a dict')

@@ -142,7 +142,7 @@ fn grids(
     let Some(words) = &output.grids else {
         return Ok(());
     };
-    // Only .ply has attributes at vertices, and of these only values that exist at a point.
+    // Of meshes only .ply has attributes at vertices; `surface` and `density` are none.
     let ply = kind == OutputKind::Mesh && extension == "ply";
     if kind != OutputKind::Vdb && !ply {
         return fault(

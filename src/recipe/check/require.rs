@@ -1,5 +1,5 @@
-//! Rules of `[require]`: ranges in order, and nothing that contradicts itself. They hold for recipes and for files
-//! of requirements alone.
+//! Rules of `[require]`: ranges in order, and nothing that contradicts itself. Those of `section` hold for files of
+//! requirements too, those of `with_recipe` for recipes alone.
 
 use super::Checked;
 use crate::recipe::op::Op;
