@@ -174,8 +174,8 @@ pub(super) fn answer(
     Ok(Answer::new(text, facts))
 }
 
-/// The plan of a search in words: its unknowns, the grids of its stages, and the bounds that no cell
-/// of this volume fraction exceeds.
+/// The plan of a search in words and as an object: its unknowns, grids and evaluations, and the bounds that no cell of
+/// this volume fraction exceeds.
 fn plan(prepared: &Prepared) -> Result<Answer, Failure> {
     let basis = prepared.basis();
     let (unknowns, bounds) = (prepared.unknowns()?, prepared.bounds());

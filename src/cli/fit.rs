@@ -89,7 +89,7 @@ pub(super) fn make(
     let Some(hybrid) = flags.hybrid() else {
         return one(input, flags);
     };
-    // Each part is made without the flags of the join and without a level, which the joined cell gets.
+    // Each part is made without the flags of the join, and without level and solid side, which the joined cell gets.
     let all = flags;
     let mut flags = all.without_hybrid();
     let (first, mut warnings) = one(input, &flags)?;

@@ -182,7 +182,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     })
 }
 
-/// The settings of the flags; values out of range, and flags that exclude each other, are errors of usage.
+/// The settings of the flags. Values out of range, and flags that need a property not in --only, are errors of usage.
 fn settings(p: &Parameters) -> Result<Settings, Failure> {
     let refuse = |flag: &str, found: f64, expected: &str| {
         Failure::usage(format!("{flag}: found {found}; expected {expected}"))

@@ -91,7 +91,7 @@ impl Draft {
         let unit = choice.unit.or_else(tagged).unwrap_or(LengthUnit::Metre);
         // Edge of a voxel in the file's unit, and half width of the band in voxels.
         let (edge, width) = volume.voxels();
-        // A band of another width is rebuilt with the usual 3 voxels.
+        // For a band of a width that recipes refuse, the usual 3 voxels.
         let width = if (1.5..=64.0).contains(&width) {
             width
         } else {

@@ -111,7 +111,7 @@ impl CellSection {
         })
     }
 
-    /// The section without the keys of hybrids and of the level: what remains are options of the fit.
+    /// The section without the keys of hybrids, of the level and of the solid side: options of the fit remain.
     #[must_use]
     pub fn without_hybrid(&self) -> Self {
         Self {

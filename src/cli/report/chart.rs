@@ -22,8 +22,8 @@ pub(super) struct Limit {
     pub is_met: bool,
 }
 
-/// A histogram of the report as SVG, with a line at `limit`; `None` if the report has none or no samples. `label`
-/// names the axis.
+/// A histogram of the report as SVG, with a line at `limit`; `None` if the report has none, or one without samples
+/// within its edges. `label` names the axis.
 pub(super) fn histogram(value: &Value, label: &str, limit: Option<&Limit>) -> Option<String> {
     let floats =
         |v: &Value| -> Option<Vec<f64>> { v.as_array()?.iter().map(Value::as_f64).collect() };
