@@ -71,8 +71,8 @@ const MAX_CORNERS: u64 = 1 << 27;
 
 /// The faces of a mesh: loops of vertex numbers in one array.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-/// Vertex numbers of all loops, one loop after the other.
 pub struct Faces {
+    /// Vertex numbers of all loops, one loop after the other.
     corners: Vec<u32>,
     /// Where each face begins in `corners`, and the end of the last.
     starts: Vec<u32>,

@@ -1,7 +1,7 @@
 //! The Archimedean solids, made from Platonic ones, and the names of both.
 //!
-//! Each solid is an operator (truncate, rectify, ...) on a Platonic solid. Names are compared without case, spaces and
-//! signs, and have synonyms; the canonical name is that of scripts.
+//! Each solid is an operator (truncate, rectify, ...) on a Platonic solid. Names are compared without case, blanks,
+//! hyphens, underscores and "regular", and have synonyms; the canonical name is that of scripts.
 
 use super::kind::{Kind, Operator};
 use super::{PolyMesh, operator, seed};
@@ -151,7 +151,7 @@ pub(super) fn nearest(name: &str) -> Option<&'static str> {
 }
 
 /// An Archimedean solid centred on the origin with edges of this length, all faces in group 1; `None` for a name that
-/// is not canonical or an edge that makes no finite mesh.
+/// is not in the table or an edge that makes no finite mesh.
 pub(super) fn solid(name: &str, edge: f64) -> Option<PolyMesh> {
     let (_, platonic, kind, operator) = TABLE.iter().find(|row| row.0 == name)?;
     let mesh = operator::on_solid(*operator, *kind, &seed::platonic(platonic, 1.0)?);

@@ -3,7 +3,8 @@
 //! `or`, `and`, `not` (also `||`, `&&`, `!`, `|`, `&`), comparisons, `+ - * /`, `^`, brackets, functions, from the
 //! loosest to the tightest; `^` groups to the right and `not` covers a comparison. Angles are in degrees, as everywhere
 //! in scripts: `acos(1/3)` is 70.53. Both sides of `or` and `and` have to be conditions. Dividing by 0 is no error
-//! here: the result is infinite or not a number, and the caller checks it.
+//! here: the result is infinite or not a number. Arguments, counts and parameters refuse it; conditions and
+//! overrides do not.
 
 /// The value of an expression.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,7 +26,7 @@ type Parsed<T> = Result<T, ExpressionError>;
 #[derive(Clone, Debug)]
 pub(super) struct Expression(Node);
 
-/// A parsed expression; numbers are byte positions in the text, for messages.
+/// A parsed expression; each `usize` is a byte position in the text, for messages.
 #[derive(Clone, Debug)]
 enum Node {
     Number(f64),
@@ -97,8 +98,8 @@ struct Parser<'a> {
     depth: usize,
 }
 
-/// An error at the present position.
 impl<'a> Parser<'a> {
+    /// An error at the present position.
     fn fault(&self, message: impl Into<String>) -> ExpressionError {
         ExpressionError {
             at: self.at,

@@ -291,7 +291,7 @@ impl Extrusion {
             }
         };
         let mut faces = Vec::with_capacity(self.kind.counts(n).1);
-        // The top is made planar on request; otherwise its deviation is recorded, in mean edges of the top.
+        // The top is made planar on request; else its deviation is recorded in its mean edges, if it has a normal.
         if let Some(top) = row.top {
             let loops: Vec<u32> = (0..n as i32).map(|i| number(top, i)).collect();
             let places = loops[0] as usize - n;
@@ -305,7 +305,7 @@ impl Extrusion {
             }
             faces.push(loops);
         }
-        // Each row of the table gives the sides of one edge, as corners (ring, shift along the base).
+        // Each row has one set of alternating faces per corner of the base, as corners (ring, shift along the base).
         for alternating in row.rows {
             for i in 0..n as i32 {
                 for side in *alternating {

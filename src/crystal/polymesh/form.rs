@@ -366,8 +366,8 @@ impl Form {
         images.map(|o| o.apply_to_frequency(hkl)).collect()
     }
 
-    /// Whether another form has the same planes as form `n` (its number in `planes`) at the same or a smaller distance,
-    /// so that form `n` has no face of its own.
+    /// Whether another form has the same planes as form `n` (its number in `planes`) at the same or a smaller
+    /// distance. Of forms at the same distance the first has the faces.
     pub fn repeats(&self, n: usize) -> bool {
         let (own, distance) = self.planes[n];
         let orbit = self.orbit(own);

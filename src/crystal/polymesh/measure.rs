@@ -130,7 +130,7 @@ impl PolyMesh {
         for f in 0..self.face_count() {
             let points = self.points(f);
             *sides.entry(points.len()).or_insert(0) += 1;
-            // An inner edge counts twice, which does not change the extremes.
+            // Every edge counts twice, which does not change the extremes.
             for (a, b) in points.iter().zip(points.iter().cycle().skip(1)) {
                 let l = (b - a).norm();
                 lengths = (lengths.0.min(l), lengths.1.max(l));

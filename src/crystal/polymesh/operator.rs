@@ -21,7 +21,8 @@ use druse_geometry::frame::Vec3;
 use std::f64::consts::PI;
 
 /// The cap that `operator` makes on a base polygon: the faces of the operated solid without the image of its base.
-/// Observations go to `diagnostics`. The error is a reason: a number of corners that does not suit, or parallel edges.
+/// Observations go to `diagnostics`. The error is a reason: a number of corners that does not suit, parallel edges,
+/// a polygon without a normal, an angle of no snub solid, or an extrusion of q that is no valid mesh.
 pub(super) fn cap(
     extrusion: &Extrusion,
     operator: Operator,
@@ -44,15 +45,16 @@ pub(super) fn cap(
             extrusion.name()
         ));
     }
-    // q has one corner for each pair of the base's corners. `odd` pairs corner 1 with corner 2.
+    // q has one corner for each pair of the base's corners (`odd` pairs corner 1 with corner 2), or for each
+    // corner where the operator takes no pairs.
     let m = if paired { n / 2 } else { n };
     let delta = kind.dihedral(extrusion.dihedral, m);
     let rule = Rule::new(operator, kind, delta, m)?;
     let start = usize::from(paired && extrusion.odd);
     let q = Polygon::new(rule.derived(base, start)?)?;
     let solid = closed(&extrusion.kind_cap(&q, delta, diagnostics)?, &q)?;
-    // The image of the base's face has the corners of the base by construction of q, up to rounding: they are
-    // replaced by the base itself.
+    // The image of q's face has the corners of a regular base, up to rounding, and may differ from others:
+    // it is replaced by the base itself.
     let image_mesh = rule.apply(&solid);
     Ok(replace_base(
         &image_mesh,
@@ -412,7 +414,7 @@ fn snub(p: f64, delta: f64) -> Result<(f64, f64), String> {
         let edge = (b - a).norm_squared();
         [(a - e).norm_squared() - edge, (a - d).norm_squared() - edge]
     };
-    // Newton's method with a numerical Jacobian from the middle of the range; the solutions for regular solids are
+    // Newton's method with a numerical Jacobian from s = 1/2, theta = 1/4; the solutions for regular solids are
     // near it.
     let (mut s, mut theta) = (0.5, 0.25);
     for _ in 0..60 {

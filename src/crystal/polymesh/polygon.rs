@@ -78,7 +78,7 @@ impl Polygon {
         let normal = unit(area_vector)
             .filter(|_| area_vector.norm() > MIN_RELATIVE_AREA * mean_edge * mean_edge)
             .ok_or("it has no area; expected a polygon with a normal")?;
-        // W_i = E_i x N.
+        // `W_i`: the unit vector along `E_i` x N.
         let outward = (0..n)
             .map(|i| unit(edge(i).cross(&normal)))
             .collect::<Option<Vec<Vec3>>>()

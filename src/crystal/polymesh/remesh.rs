@@ -252,14 +252,13 @@ impl Remesh {
             scheme: self.name(),
             error,
         };
-        // Faces of the scheme itself know their old face.
+        // Without `dual_` the rule itself gives the parents.
         if !self.dual {
-            // dual_X: the dual, the scheme, the dual again. Its faces come from no old face.
             let built = (self.row().rule)(&Old::new(mesh), &self.values).map_err(fault)?;
             let groups = self.groups(&built, mesh)?;
             return PolyMesh::new(built.vertices, built.faces, groups).map_err(fault);
         }
-        // dual_X: the dual, the scheme, the dual again. Its faces come from no old face.
+        // `dual_X`: the dual, the scheme, the dual again. Its faces come from no old face.
         let mesh_of = |made: RuleResult| made.and_then(MeshBuilder::mesh).map_err(fault);
         let inner = mesh_of(face::dual(&Old::new(mesh), &[]))?;
         let middle = mesh_of((self.row().rule)(&Old::new(&inner), &self.values))?;
@@ -284,8 +283,8 @@ impl Remesh {
             Grouping::Keep => faces
                 .map(
                     |(&class, &parent)| match old.groups().get(parent as usize) {
-                        // A face without a parent gets a new group, by its class.
                         Some(&group) => group,
+                        // A new group by the class; classes 1 and 2 share one.
                         None => greatest.saturating_add(u32::from(class).max(2) - 1),
                     },
                 )
@@ -396,7 +395,8 @@ impl<'a> Old<'a> {
     }
 }
 
-/// The mesh under construction: for each face its class, from 1, and its parent, the old face that it comes from.
+/// The mesh under construction: for each face its class, from 1, and its parent: the old face that it comes from,
+/// or `NO_PARENT`.
 struct MeshBuilder {
     vertices: Vec<Vec3>,
     faces: Faces,

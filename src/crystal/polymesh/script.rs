@@ -369,9 +369,9 @@ fn items(list: &[Item], interpreter: &mut Interpreter, until: usize) -> Result<b
                         hint: None,
                     });
                 }
-                // A mesh that would grow too large is refused before any round is made.
+                // A mesh that would grow too large is refused before it is made.
                 for round in 0..times as usize {
-                    // The faults of a step come first: the first round is not counted.
+                    // The faults of a step come first: before the first round only large meshes are counted.
                     let min_corners = if round > 0 { 0 } else { growth::MIN_CORNERS };
                     let left = times as usize - round;
                     growth::require_bounded(body, left, interpreter, until, min_corners)?;

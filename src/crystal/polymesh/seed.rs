@@ -15,7 +15,7 @@ pub const PLATONIC_SOLIDS: [&str; 5] = [
     "icosahedron",
 ];
 
-/// Maximum number of corners of a seed, and of squares of a grid or torus.
+/// Maximum number of corners of a seed over a polygon, and of squares of a grid or torus.
 const MAX_CORNERS: usize = 1 << 24;
 
 /// Why a seed cannot be made.
@@ -70,8 +70,8 @@ pub fn solid(name: &str, edge: f64) -> Option<PolyMesh> {
     platonic(name, edge).or_else(|| archimedean::solid(name, edge))
 }
 
-/// A Platonic solid by its canonical name, with its edge length; the cube's edges run along the axes, and so do the
-/// twofold axes of the others. `None` for other names and for an edge that makes no finite mesh.
+/// A Platonic solid by its canonical name, with its edge length; the cube's edges and the octahedron's diagonals run
+/// along the axes, and so do twofold axes of the others. `None` for other names and for an edge without finite mesh.
 pub fn platonic(name: &str, edge: f64) -> Option<PolyMesh> {
     let g = f64::midpoint(1.0, 5f64.sqrt());
     let h = 1.0 / g;
@@ -130,7 +130,7 @@ pub fn platonic(name: &str, edge: f64) -> Option<PolyMesh> {
             ],
             2f64.sqrt(),
         ),
-        // A cube and three golden rectangles.
+        // A cube and three rectangles, g^2 times as long as they are wide.
         "dodecahedron" => {
             let corner = |n: usize| [2, 1, 0].map(|a| signs(n)[a]);
             let mut p: Vec<[f64; 3]> = (0..8).map(corner).collect();
@@ -205,7 +205,7 @@ fn positive(name: &'static str, value: f64) -> Result<f64, SeedError> {
     }
 }
 
-/// The number of corners of a polygon, if it is in range. A prism has at most eight times as many corners.
+/// The number of corners of a polygon, if it is in range. An antiprism has eight times as many corners.
 fn corners(n: usize) -> Result<usize, SeedError> {
     if (3..=MAX_CORNERS / 8).contains(&n) {
         Ok(n)

@@ -94,8 +94,8 @@ impl TierBuilder<'_> {
         let slope_factor = 3f64.sqrt() / 2.0;
         let before = |i: usize| (i + n - 1) % n;
         let after = |i: usize| (i + 1) % n;
-        // Each rule gives a start and a unit direction per vertex; the vertex is start + factor length
-        // direction, as [`TierRule`] lists.
+        // Each rule but `Apex` and `Close` gives a start and a unit direction per vertex; the vertex is start +
+        // factor length direction, as [`TierRule`] lists.
         let starts: Vec<Vec3>;
         let mut factor = 1.0;
         let directions: Vec<Vec3> = match rule {

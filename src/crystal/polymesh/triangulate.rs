@@ -1,8 +1,8 @@
 //! Triangulation of the faces, for export and for level sets.
 //!
 //! Triangular faces stay. Planar convex faces become fans from their start vertex. Non-planar faces all of whose edges
-//! are visible from their centre become fans about it. Other faces are triangulated by ear clipping in their mean
-//! plane or, where that fails, as a fan. Triangles without area are kept, so that closed surfaces stay closed.
+//! are visible from their centre become fans about it. Other faces are triangulated by ear clipping in their mean plane
+//! or, where that fails or there is no normal, as a fan. Triangles without area are kept: closed surfaces stay closed.
 
 use super::PolyMesh;
 use super::polygon::{doubled_area_vector, mean, unit};

@@ -49,7 +49,7 @@ pub(super) fn corner_cutting(old: &Old, p: &[f64]) -> RuleResult {
 }
 
 /// Doo and Sabin's topology, with every edge of a face moved inward by half the thickness p = (thickness), in the
-/// model's unit. Straight corners have no such point: the mesh is then refused as not finite.
+/// model's unit. Reflex corners move outward. Straight ones have no such point: the mesh is then refused as not finite.
 pub(super) fn modified_corner_cutting(old: &Old, p: &[f64]) -> RuleResult {
     let point = |c: usize| {
         let v = old.ring.at(c);

@@ -13,7 +13,7 @@ pub(super) struct Row {
     pub classes: &'static [&'static str],
     /// Maximum number of new corners per old corner; the size of a result is checked by it before the rule runs.
     pub growth: u64,
-    /// Whether the result has exactly so many corners for all meshes.
+    /// Whether the result has exactly so many corners for all meshes without vertices of degree 2.
     pub is_exact: bool,
     /// Makes the new mesh of the old one and the values of the parameters, in the order of `parameters`.
     pub rule: fn(&Old, &[f64]) -> RuleResult,

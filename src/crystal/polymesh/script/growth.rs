@@ -78,7 +78,7 @@ impl Count<'_, '_> {
                     column,
                 } => {
                     // After a parameter of the script got a new value its old one is not valid: only a
-                    // literal count is known then.
+                    // count without parameters is known then.
                     let times = if self.has_parameters {
                         count.number(&|_, _| None).ok()
                     } else {
@@ -115,7 +115,7 @@ impl Count<'_, '_> {
 }
 
 /// The number of new corners for each old one, at least; `None` for steps that cannot be counted: those that make
-/// another mesh, and faulty ones, which fail later with their own message.
+/// another mesh, `save`, and faulty ones, which fail later with their own message.
 fn factor(statement: &Statement) -> Option<u64> {
     let all = statement.words.iter().any(|w| w.text == "all");
     match statement.verb.as_str() {

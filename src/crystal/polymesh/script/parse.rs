@@ -159,7 +159,7 @@ impl Reader<'_> {
                         .ok_or_else(|| unknown(place, verb, &self.full_name(verb)))?
                 };
                 let mut words = Vec::new();
-                // Blanks separate words; a step ends with its line, a semicolon or the end of its block.
+                // Blanks separate words; a step ends with its line, a semicolon, a comment or the end of its block.
                 loop {
                     match self.peek() {
                         None | Some('\n' | ';' | '}' | '#') => break,
@@ -215,7 +215,8 @@ impl Reader<'_> {
         words.join(" ")
     }
 
-    /// The next word: up to a blank outside brackets and quotes. Brackets have to close within the line.
+    /// The next word: up to a blank, `;`, `{`, `}` or `#` outside brackets and quotes. Brackets have to close within
+    /// the line.
     fn word(&mut self) -> Result<Word, ScriptError> {
         let place = self.place();
         let start = self.at;

@@ -157,8 +157,8 @@ pub(super) fn symmetrize(a: &mut Arguments, interpreter: &Interpreter) -> StepRe
     Ok(outcome)
 }
 
-/// A mesh symmetrized by the subgroup of its symmetries with the symbol `name`, and the order of that group. The error
-/// is an unknown symbol, or a group that the mesh does not have along the axes x, y, z.
+/// A mesh symmetrized by the subgroup of its symmetries with the symbol `name`, and the order of that group (without
+/// its mirrors for `rotations`). The error is an unknown symbol, or a group that the mesh does not have along x, y, z.
 fn symmetrized_by(
     a: &Arguments,
     mesh: &PolyMesh,

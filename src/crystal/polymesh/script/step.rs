@@ -1,8 +1,8 @@
 //! The steps of a script, applied to the model.
 //!
-//! Each step is a function of its arguments, and of the interpreter where it changes a mesh. It returns the new model
-//! with notes; only `run_step` changes the interpreter. A new step is a function here, an arm of `run_step` and a line
-//! of the table of verbs.
+//! Each step is a function of its arguments, and of the interpreter where it needs its model or files. It returns the
+//! new model with notes; only `run_step` changes the interpreter. A new step is a function here, an arm of `run_step`
+//! and a line of the table of verbs.
 
 use super::argument::{Arguments, Statement, Word};
 use super::{GroupBy, Interpreter, LoadOptions, ScriptError, nearest, regroup};
@@ -199,7 +199,7 @@ fn form(a: &mut Arguments) -> StepResult {
     crystal(form).map_err(|e| fault(a, e))
 }
 
-/// The crystal of a form, with a note on each plane that leaves no face.
+/// The crystal of a form, with a note on each form without a face, unless another has its planes no farther out.
 fn crystal(form: Form) -> Result<Outcome, crate::polymesh::form::FormError> {
     let mut outcome = Outcome::mesh(form.mesh()?);
     let groups = outcome.model.mesh.as_ref().map(|m| m.group_counts());
