@@ -312,8 +312,8 @@ pub fn write_bytes(path: impl AsRef<Path>, bytes: &[u8]) -> Result<u64, WriteErr
     file.commit()
 }
 
-/// Refuses a path at which no file can be made, before the work whose result belongs there. A temporary file is made
-/// and removed again; the target stays as it is.
+/// Refuses a path at which no file can be made, before the work whose result belongs there. Beside a regular
+/// target a temporary file is made and removed again; a special one is not tried. The target stays as it is.
 ///
 /// # Errors
 /// As [`AtomicFile::create`].

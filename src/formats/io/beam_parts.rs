@@ -1,6 +1,7 @@
 //! Beams of files: their ends, caps and clipping meshes.
 //!
-//! These are types only; `beams.rs` reads and writes them. Lengths are in the unit of the file.
+//! These are types only; `beams.rs` reads and writes them. Lengths are in the unit of the file; those of a
+//! [`BeamLattice`] get a factor from the writer.
 
 use super::mesh_format::MeshFile;
 use druse_geometry::frame::{Aabb, Vec3};

@@ -79,7 +79,7 @@ impl<'a> Collector<'a> {
         (self.points, self.fields)
     }
 
-    /// Adds elements (by their index in the file) to the group of this name; the group is made if it is new.
+    /// Adds elements (by their index among those added here) to the group of this name; the group is made if it is new.
     pub fn named_group(&mut self, name: &str, places: &[u32]) {
         let next = FIRST_NAMED + self.names.len() as i64;
         let number = *self.names.entry(name.to_owned()).or_insert(next);
@@ -129,7 +129,7 @@ impl<'a> Collector<'a> {
     /// `name` maps group numbers to names; groups without one are named by their number.
     ///
     /// The error is a node that the file does not have, a node number twice, two shapes in one place, field values
-    /// that are not one per item, or a file without elements.
+    /// that are not one per item, a coordinate out of range, or a file without elements.
     pub fn finish(
         mut self,
         name: impl Fn(i64) -> Option<String>,

@@ -73,7 +73,7 @@ impl Files for DiskFiles {
     }
 
     fn save(&self, path: &Path, mesh: &PolyMesh) -> Result<(), String> {
-        // A mesh with colours also writes a material file beside it: both names are checked.
+        // An `.obj` or `.dlfl` comes with a material file beside it: both names are checked.
         if self.saves {
             let materials = path.with_extension("mtl");
             let outside = |name: &Path| leads_out(&self.directory, name);

@@ -40,8 +40,8 @@ fn index(value: f64, source: &Source, line: &str) -> Result<u32, ReadError> {
     ))
 }
 
-/// Reads a file. The draft holds vertices, faces with the line of each, and a group for each material; it is not yet
-/// checked to be a closed surface.
+/// Reads a file. The draft holds vertices, faces with the line of each, and a group for each material or colour; it is
+/// not yet checked to be a closed surface.
 pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadError> {
     let mut source = Source::open(path)?;
     let mut draft = Draft::default();

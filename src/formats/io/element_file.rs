@@ -1,6 +1,6 @@
 //! What a file of elements holds: a scaffold or a surface, its groups and its fields.
 //!
-//! These are types only. Lengths are in the unit of the file, which such formats do not state.
+//! These are types only. Lengths are in the unit of the file; a unit that it states is not kept here.
 
 use super::error::{Place, ReadError};
 use druse_geometry::frame::Aabb;

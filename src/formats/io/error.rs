@@ -1,7 +1,7 @@
 //! The errors of files: [`ReadError`] and [`WriteError`].
 //!
-//! Messages have one form: file, place, what was found, what is expected, and on a further line a hint. The class of an
-//! error gives the exit code of the program (those of `sysexits.h`).
+//! Messages of reading have one form: file, place, what was found, what is expected, and on a further line a hint. The
+//! class of an error gives the exit code of the program (those of `sysexits.h`).
 
 use std::fmt;
 use std::io;

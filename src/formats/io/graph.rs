@@ -177,11 +177,11 @@ fn read_text(
 /// Checks a graph and builds its skeleton; `radius` and `thickness` are those of the caller, if any.
 fn skeleton(
     path: &Path,
-    // Lists of radii are complete or absent.
     graph: &GraphText,
     radius: Option<f64>,
     thickness: Option<f64>,
 ) -> Result<Skeleton, ReadError> {
+    // Lists of radii and thicknesses are complete or absent.
     for (what, given, parts) in [
         ("radii", graph.radii.len(), graph.edges.len()),
         ("thicknesses", graph.thicknesses.len(), graph.faces.len()),

@@ -392,7 +392,7 @@ impl Deck<'_> {
         Ok(())
     }
 
-    /// Reads a line of an element without volume or surface, of the type `kind`; only its number is kept.
+    /// Reads a line of an element without volume or surface, of the type `kind`; only number and type are kept.
     fn skip_element(
         &mut self,
         line: &str,

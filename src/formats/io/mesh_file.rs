@@ -1,7 +1,7 @@
 //! Mesh files by extension: reading as polygons or triangles, and writing.
 //!
 //! The extension decides on the format. For formats with unmistakable first bytes the content must not contradict it.
-//! Files of elements and scripts are read as their outer faces.
+//! Files of solid elements are read as their outer faces, scripts as the polygons that they make.
 
 use super::atomic::AtomicFile;
 use super::element_file::ELEMENT_FORMATS;
@@ -150,7 +150,7 @@ pub(super) fn read_soup(path: &Path) -> Result<Soup, ReadError> {
         "vtu" | "vtp" => vtk::read_xml(path)?.soup(path),
         "vtk" => vtk::read_legacy(path)?.soup(path),
         "dlfl" | "crystal" => {
-            // Polygons and elements become the faces of a soup; elements only those on their outside.
+            // Polygon meshes become the faces of a soup, with their groups.
             let (mesh, warnings) = polymesh(path)?;
             Ok(Soup::from_polymesh(&mesh, warnings))
         }
@@ -275,7 +275,7 @@ pub fn write_mesh<'a>(
             "{n} triangles; STL holds at most 4294967295: use .ply"
         )));
     }
-    // The expected size is for the message on a full disk.
+    // The expected size, known for STL and PLY, is for the message on a full disk.
     let mut file = match format {
         MeshFormat::ThreeMf => AtomicFile::create_seekable(path)?,
         MeshFormat::Stl => AtomicFile::create(path)?.expecting(stl::size(mesh)),

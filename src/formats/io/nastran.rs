@@ -109,7 +109,8 @@ impl<'a> Deck<'a> {
         Ok(())
     }
 
-    /// `BEGIN BULK`: discards all content before it, its errors included. A second one is an error.
+    /// `BEGIN BULK`: discards all content before it, its errors included. A second one, or another word than
+    /// BULK, is an error.
     fn begin(&mut self, card: &Card) -> Result<(), ReadError> {
         if self.has_begun || !matches!(card.field(0), "" | "BULK") {
             let found = format!("BEGIN {}", quote(card.field(0)));

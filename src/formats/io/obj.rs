@@ -1,10 +1,10 @@
 //! Wavefront OBJ: text with vertices, polygons and their names.
 //!
 //! Free-form curves and surfaces, points and lines are counted and ignored. Statements that execute other files
+//! (`call`, `csh`) and undefined statements are refused.
 //!
 //! A statement is a word and its arguments; a backslash at its end joins the next line. Vertices count from 1, or
 //! backward from the last one with negative numbers. Texture and normal numbers of corners are not kept.
-//! (`call`, `csh`) and undefined statements are refused.
 
 use super::error::ReadError;
 use super::mesh_view::Rows;
@@ -206,7 +206,7 @@ fn vertex<'a>(
 ) -> Result<(), ReadError> {
     let mut numbers = [0.0; 7];
     let mut count = 0;
-    // Reading ends at the first word that is no number.
+    // Reading ends at a comment or the first word that is no number in range.
     for word in words.take_while(|w| w[0] != b'#') {
         let Some(x) = number::finite(word) else {
             break;
@@ -250,8 +250,8 @@ fn face<'a>(
         // Numbers count from 1, negative ones backward from the last vertex so far.
         let index = match integer(number) {
             Some(n) if n > 0 => n - 1,
-            // -1 is out of range, so that 0 and other words are reported below.
             Some(n) if n < 0 => count + n,
+            // -1 is out of range, so that 0 and other words are reported below.
             _ => -1,
         };
         if !(0..i64::from(u32::MAX)).contains(&index) {

@@ -49,9 +49,9 @@ static MACHINE: LazyLock<Machine> = LazyLock::new(|| {
     }
 });
 
-/// Creates the partial file of a target in its folder, locked, with the permissions of a new file; a name that is not
-/// UTF-8 is an error of the kind [`io::ErrorKind::InvalidFilename`]. The first call for a folder removes abandoned
-/// files there.
+/// Creates the partial file of a target in its folder, locked where the file system has locks, with the
+/// permissions of a new file; a name that is not UTF-8 is an error of the kind [`io::ErrorKind::InvalidFilename`]. The
+/// first call for a folder removes abandoned files there.
 pub(super) fn create(target: &Path) -> io::Result<NamedTempFile> {
     let folder = folder_of(target);
     let name = target.file_name().and_then(|n| n.to_str());

@@ -7,8 +7,8 @@ use druse_geometry::frame::Vec3;
 const MAX_FAN_SEARCH_CORNERS: usize = 32;
 
 /// Triangulates a polygon of at least three corners into `out`: a quad along the diagonal that keeps both triangles
-/// facing the front, larger polygons as a fan from a corner from which all sides are visible, else by ear
-/// clipping in the plane of their area vector, and where that fails as a fan from the first corner.
+/// facing the front, larger polygons as a fan from a corner from which all sides are visible (tried up to 32 corners),
+/// else by ear clipping in the plane of their area vector, and where that fails as a fan from the first corner.
 pub(super) fn triangulate(polygon: &[u32], vertices: &[Vec3], out: &mut Vec<[u32; 3]>) {
     let n = polygon.len();
     let at = |i: usize| vertices[polygon[i % n] as usize];
@@ -51,7 +51,7 @@ pub(super) fn triangulate(polygon: &[u32], vertices: &[Vec3], out: &mut Vec<[u32
 fn triangulate_in_plane(polygon: &[u32], vertices: &[Vec3], normal: Vec3) -> Option<Vec<[u32; 3]>> {
     let at = |i: usize| vertices[polygon[i] as usize];
     let front = normal.try_normalize(0.0)?;
-    // Axes of the plane, from the coordinate axis that is farthest from the normal: the product is not small.
+    // Axes of the plane, from the coordinate axis along which the normal is shortest: the product is not small.
     let longest = |x: &f64, y: &f64| x.total_cmp(y);
     let least = front.iter().map(|c| c.abs()).enumerate();
     let axis = least.min_by(|x, y| longest(&x.1, &y.1))?.0;
@@ -77,7 +77,7 @@ fn triangulate_in_plane(polygon: &[u32], vertices: &[Vec3], normal: Vec3) -> Opt
     {
         return None;
     }
-    // The projection may reverse the orientation; the triangles get that of the polygon.
+    // Ear clipping may reverse the orientation; the triangles get that of the polygon.
     let oriented = |t: &[usize]| {
         if area < 0.0 {
             [t[0], t[2], t[1]]

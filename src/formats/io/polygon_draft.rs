@@ -25,8 +25,8 @@ pub(super) struct Draft {
 }
 
 impl Draft {
-    /// Polygons as one group; vertices of equal coordinates are merged. An error for corners that do not exist, or no
-    /// faces.
+    /// Polygons as one group; vertices of equal coordinates are merged, faces of one or two corners left out. An error
+    /// for corners that do not exist, or no faces.
     pub(super) fn from_soup(mut soup: Soup, path: &Path) -> Result<Self, ReadError> {
         soup.check(path)?;
         let warnings = soup.all_warnings();
@@ -78,8 +78,8 @@ impl Draft {
             .collect();
     }
 
-    /// Builds the mesh: welds vertices, drops those without a face and closes holes, as the options request. `path` is
-    /// for messages.
+    /// Builds the mesh: drops vertices without a face; welds vertices, closes holes and flips, as the options request.
+    /// `path` is for messages.
     pub(super) fn finish(
         mut self,
         path: &Path,
@@ -109,8 +109,8 @@ impl Draft {
             face.iter().copied().zip(next).collect::<Vec<_>>()
         };
         let known: HashSet<(u32, u32)> = self.faces.iter().flat_map(edges).collect();
-        // An edge without its opposite borders a hole; the hole runs against it. A vertex with two such edges
-        // has no unique successor.
+        // An edge without its opposite borders a hole; the hole runs against it. With two such edges at a
+        // vertex no hole is closed.
         let mut next: BTreeMap<u32, u32> = BTreeMap::new();
         for (a, b) in self.faces.iter().flat_map(edges) {
             if !known.contains(&(b, a)) && next.insert(b, a).is_some() {

@@ -94,7 +94,8 @@ impl Scalar {
         }
     }
 
-    /// An integer from its first `size` bytes; values beyond 63 bits become -1, which is invalid as a count.
+    /// An integer from its first `size` bytes; values beyond 63 bits become -1, which is invalid as a count,
+    /// and floats lose their fraction.
     pub fn whole(self, bytes: &[u8], big_endian: bool) -> i64 {
         let bits = self.bits(bytes, big_endian);
         match self {

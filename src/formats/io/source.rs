@@ -228,7 +228,7 @@ impl Source {
             return Ok(false);
         }
         self.line += 1;
-        // The length of the line end: 1 or 2 bytes.
+        // The length of the line end: 0 to 3 bytes.
         let end = if ended {
             self.line_end(seen, first)?
         } else {

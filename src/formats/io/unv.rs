@@ -2,9 +2,9 @@
 //!
 //! Nodes (datasets 15, 781, 2411), elements (780, 2412) and groups (2417 to 2477) are read; units (164)
 //! produce a note. All other datasets are ignored; lines, springs and masses are counted and skipped. A file
+//! without groups has one per physical property. Second-order elements alternate corners and mid nodes.
 //!
 //! A dataset is a line of -1, its number, records and a line of -1. Records are read by words, not by columns.
-//! without groups has one per physical property. Second-order elements alternate corners and mid nodes.
 
 mod table;
 
@@ -309,7 +309,7 @@ impl File<'_> {
         Ok(())
     }
 
-    /// Adds the groups, or without any one per physical property from 1 on, and builds the elements.
+    /// Adds the groups, or where none has elements one per physical property from 1 on, and builds the elements.
     fn finish(mut self) -> Result<ElementFile, ReadError> {
         if self.groups.iter().all(|(_, members)| members.is_empty()) {
             let mut by_property: HashMap<u64, Vec<u32>> = HashMap::new();

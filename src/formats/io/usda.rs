@@ -210,7 +210,8 @@ impl Geometry {
         Ok(all)
     }
 
-    /// Adds a prim and those below it; `parent` is the map of the prim around it to the world.
+    /// Adds a prim and those below it, unless it is inactive or hidden; `parent` is the map of the prim around it to
+    /// the world.
     fn add(
         &mut self,
         layer: &Layer,

@@ -81,7 +81,7 @@ impl Collector<'_> {
                 match firsts.iter().find(|f| corners(**f as usize) == own) {
                     None => firsts.push(e),
                     Some(&first) => {
-                        // With the same corners but other mid nodes they have different shapes.
+                        // With the same corners but other mid nodes or another kind they have different shapes.
                         let pair = [first, e];
                         if !has_same_nodes(pair, nodes, elements) {
                             return Err(self.conflicting_elements(pair, elements, kept));
@@ -120,7 +120,7 @@ impl Collector<'_> {
         Ok(duplicates)
     }
 
-    /// The error for two elements with equal corners and different nodes between them.
+    /// The error for two elements with equal corners, and different nodes between them or different kinds.
     fn conflicting_elements(
         &self,
         pair: [u32; 2],

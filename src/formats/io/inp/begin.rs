@@ -59,7 +59,7 @@ impl Deck<'_> {
                     None => k.needed("ELSET", "the name of the set", source)?,
                 };
                 // A set in the assembly belongs to it, or to the instance that is named. Elsewhere it belongs
-                // to the part.
+                // to the current model.
                 let assembly = match (&self.scope, k.get("INSTANCE")) {
                     (Scope::Assembly, None) => Some(None),
                     (_, None) => None,
@@ -107,7 +107,8 @@ impl Deck<'_> {
         })
     }
 
-    /// Begins a node set, which is made even without data lines; `ELSET=` adds the nodes of elements at once.
+    /// Begins a node set, which is made even without data lines; `ELSET=` adds the nodes of elements at once. A set of
+    /// a named instance is ignored.
     fn begin_nset(&mut self, k: &Keyword, source: &Source) -> Result<Section, ReadError> {
         // Only generating keywords use node sets, and they occur in parts.
         if k.has("INSTANCE") {

@@ -116,7 +116,7 @@ impl Ncopy {
             "POLE",
         ];
         k.only(&known, source)?;
-        // The mode is one of five words, in two places.
+        // The mode is the parameter SHIFT or POLE, or the value of REFLECT.
         let mode = match k.get("REFLECT").map(str::to_ascii_uppercase).as_deref() {
             None if k.has("POLE") => CopyMode::Pole,
             None if k.has("SHIFT") => CopyMode::Shift,
@@ -166,7 +166,8 @@ impl Ncopy {
             let at = |k: usize| all.get(3 * i + k).copied().unwrap_or(0.0);
             Vec3::new(at(0), at(1), at(2))
         };
-        // Points are in the global system; with `*SYSTEM` their meaning differs between the programs.
+        // Points are in the global system; with `*SYSTEM` their meaning differs between the programs, unless all
+        // numbers are 0. A pole, which may be the number of a node, is not checked.
         if self.has_system && self.mode != CopyMode::Pole && all.iter().any(|c| *c != 0.0) {
             let found = "*NCOPY while *SYSTEM is in force";
             return Err(source.bad(found, "coordinates of the global system"));

@@ -191,7 +191,7 @@ impl Ngen {
         let count = span / step;
         generated.add(count, source)?;
         let (a, b) = (node(model, first, source)?, node(model, last, source)?);
-        // Fields 4 to 7: a third node or point of the curve, then its normal.
+        // Fields 4 to 7: the middle of a parabola or the centre of an arc; fields 8 to 10: a normal.
         let extra = if self.line == CurveKind::Straight {
             None
         } else {

@@ -117,8 +117,8 @@ impl Input {
         self.tokens.double(what)
     }
 
-    /// The number of entries of a section, `words` numbers each; checked against the size of the file, four bytes a
-    /// number at least.
+    /// The number of entries of a section, `words` numbers each; checked against the size of the file: at least
+    /// four bytes a number in binary files, a digit and a separator in text.
     pub fn count(&mut self, words: u64, what: &str) -> Result<usize, ReadError> {
         let claimed = self.int(&format!("the number of {what}"))?;
         let Ok(claimed) = u64::try_from(claimed) else {

@@ -1,7 +1,8 @@
 //! Data at nodes and elements: `$NodeData` and `$ElementData`, equal in versions 2 and 4.
 //!
 //! A section has three lists of tags (text, reals, integers), then a number and its values per node or element. The
-//! last of several time steps is used. Missing values are NaN. `$ElementNodeData` is ignored. Notes report each case.
+//! last of several time steps is used. Missing values are NaN. `$ElementNodeData` is ignored, and
+//! so is a field with too few values. Notes report each case; a field of skipped elements is left out without one.
 
 use super::File;
 use crate::io::collector::Collector;

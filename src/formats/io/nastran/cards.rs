@@ -205,7 +205,7 @@ fn split_free(line: &str) -> LineParts<'_> {
     let mut error = None;
     // A mark begins with "+" or "*"; "+1.5" is a number.
     let mark = |w: &str| w.starts_with(['+', '*']) && real(w).is_none();
-    // A full line has its mark in the tenth field. A short line may end with one.
+    // A full line has its mark in the tenth field, the sixth where fields are wide. A short line may end with one.
     if fields.len() > max_fields {
         tail = fields[max_fields];
         if fields.len() > max_fields + 1 {

@@ -54,8 +54,8 @@ pub(super) fn is_element(name: &str) -> bool {
 }
 
 impl Deck<'_> {
-    /// Adds the element of a card. Nodes beyond the corners may be missing; their number decides the order. The same
-    /// card may be repeated.
+    /// Adds the element of a card. Nodes beyond the corners may be missing; the last one given decides the order. The
+    /// same card may be repeated.
     pub(super) fn element(&mut self, card: &Card) -> Result<(), ReadError> {
         card.check()?;
         let row = ELEMENTS.iter().find(|row| row.0 == card.name);

@@ -234,7 +234,7 @@ impl Rows<'_> {
         }
     }
 
-    /// The index of a vertex; -1, which starts a new strip, becomes `u32::MAX`.
+    /// The index of a vertex; -1, which starts a new strip and is an error in faces, becomes `u32::MAX`.
     fn index(&mut self, kind: Scalar, role: Role) -> Result<u32, ReadError> {
         let x = self.number(kind)?;
         if x >= 0.0 && x.fract() == 0.0 && x <= f64::from(u32::MAX) {

@@ -33,8 +33,8 @@ pub(super) struct Layer {
 }
 
 impl Layer {
-    /// Finds the list of corners, by its name or as the only list of integers, and sets its role; faces without such a
-    /// list have no corners.
+    /// Finds the list of corners of faces or strips, by its name or as the only list of integers, and sets its role;
+    /// without such a list they have no corners.
     fn find_list(&mut self) {
         let role = match self.name.as_str() {
             "face" | "faces" => Role::Corners,

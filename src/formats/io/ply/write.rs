@@ -1,5 +1,5 @@
-//! The writer of PLY: binary, little-endian. Vertices are coordinates and attributes (`float`); a face is the number of
-//! its corners in a byte, then 32-bit numbers.
+//! The writer of PLY: binary, little-endian. Vertices are coordinates (`float` or `double`) and attributes (`float`); a
+//! face is the number of its corners in a byte, then 32-bit numbers.
 
 use crate::io::mesh_view::{Faces, MeshView, Rows};
 use druse_geometry::frame::LengthUnit;

@@ -68,7 +68,8 @@ impl Keyword {
     }
 }
 
-/// Whether `head`, the first bytes of a file, is of an STL in text: it has one of its words and no zeros.
+/// Whether `head`, the first bytes of a file, is of an STL in text: it has one of its words and no zeros
+/// but at the end, or is UTF-16.
 pub(super) fn is_text(head: &[u8]) -> bool {
     let contains = |word: &[u8]| {
         head.windows(word.len())

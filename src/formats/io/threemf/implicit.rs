@@ -1,8 +1,8 @@
 //! The writer of 3MF with an implicit part: the function of a cell as a graph of nodes, and the closed mesh in which
+//! it is evaluated (volumetric and implicit extensions, version 1).
 //!
 //! Coordinates of the mesh are in the unit of the file. The function takes a position in that unit and returns a length
 //! in it, negative in the solid.
-//! it is evaluated (volumetric and implicit extensions, version 1).
 
 use super::package::begin;
 use druse_cells::cell::{Expression, Node};
@@ -235,7 +235,7 @@ impl Graph {
     }
 
     /// A minimum ("min") or maximum ("max"), rounded where values are closer than the radius:
-    /// min(a, b) - max(r - |a - b|, 0)^2 / (4 r).
+    /// min(a, b) - max(r - |a - b|, 0)^2 / (4 r). A maximum adds that term.
     fn extreme(&mut self, kind: &str, parts: &[Expression], radius: f64) -> Output {
         let values = parts.iter().map(|part| self.expression(part)).collect();
         self.fold(values, |graph, a, b| {

@@ -34,7 +34,7 @@ pub(super) enum ClipMode {
 pub(super) struct Lattice {
     /// The least length of a beam, before placement; shorter ones are left out.
     pub min_length: f64,
-    /// The radius of beam ends without one of their own.
+    /// The radius of beams without `r1`; an end without `r2` has that of the first end.
     pub radius: f64,
     /// The cap of beam ends without one of their own.
     pub cap: BeamCap,

@@ -163,7 +163,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         Err(self.bad(found, "UTF-8 or UTF-16"))
     }
 
-    /// Adds the current object to the model, if there is one.
+    /// Adds the current object to the model, if there is one; an error for a number that another object has.
     fn close_object(&mut self) -> Result<(), ReadError> {
         let Some((id, object)) = self.object.take() else {
             return Ok(());
@@ -307,7 +307,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         Ok([rows[0], rows[1], rows[2], Vec3::new(x, y, z)])
     }
 
-    /// The reference of a component or a build item. `printable` has the prefix of the production extension or none.
+    /// The reference of a component or a build item. `printable` may have any prefix.
     fn reference(&self, e: &BytesStart) -> Result<Reference, ReadError> {
         let part = self.attribute_in(e, Space::Production, "path")?;
         self.check_path(e)?;
@@ -434,7 +434,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
     fn start_core(&mut self, e: &BytesStart, local: &[u8]) -> Result<bool, ReadError> {
         match local {
             b"object" => {
-                // An object that is still open has no end event of its own.
+                // An object that begins within another one ends that one.
                 self.close_object()?;
                 // Only objects of type "model" are printed; that is also the default.
                 let kind = self.attribute(e, "type")?;

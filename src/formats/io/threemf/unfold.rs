@@ -35,9 +35,9 @@ struct Build {
     vertices: Vec<Vec3>,
     triangles: Vec<[u32; 3]>,
     beams: Vec<BeamPart>,
-    /// Remarks, sorted and without repetition.
     /// The objects left out, by reason.
     left_out: BTreeMap<String, Vec<u32>>,
+    /// Remarks, sorted and without repetition.
     notes: BTreeSet<String>,
     short_beams: usize,
     /// The chain of objects being placed, outermost first.
@@ -185,7 +185,7 @@ impl Build {
             self.models.insert(part.clone(), Rc::clone(&read));
             read
         };
-        // A part may have its own unit; its lengths are converted to those of the model that refers to it.
+        // A part that states a unit of its own is scaled to that of the model that refers to it.
         let mut scaled = at;
         if other.states_unit && other.unit != model.unit {
             let factor = other.unit.to(model.unit);
@@ -367,7 +367,8 @@ impl Build {
         Ok(())
     }
 
-    /// The mesh and beams of all items, with a note on all that is left out. An error if nothing else is there.
+    /// The mesh and beams of all items, with a note on all that is left out. An error if something is left out
+    /// and nothing else is there.
     fn finish(mut self) -> Result<SolidFile, ReadError> {
         for (reason, numbers) in &self.left_out {
             let (n, s) = (numbers.len(), if numbers.len() == 1 { "" } else { "s" });

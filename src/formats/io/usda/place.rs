@@ -5,9 +5,9 @@ use super::text::{Prim, Property, Value};
 use druse_geometry::frame::Vec3;
 use nalgebra::{Matrix4, Quaternion, Rotation3, UnitQuaternion};
 
-/// The value of a property at a time code: linear between samples of equal length, constant beyond them; tokens
-/// and strings keep the sample before. Without a time code the default, else the first sample. `None` for a property
-/// without value and samples.
+/// The value of a property at a time code: linear between samples of equal length, constant beyond them; tokens,
+/// strings and samples of different lengths keep the sample before. Without a time code the default, else the first
+/// sample. `None` for a property without value and samples.
 pub(super) fn value_at(property: &Property, time: Option<f64>) -> Option<Value> {
     let samples = &property.samples;
     let (Some(t), Some(first), Some(last)) = (time, samples.first(), samples.last()) else {

@@ -284,8 +284,7 @@ impl Text<'_> {
             return Err(self.bad("lists in lists", "fewer than a hundred levels"));
         }
         match self.peek()? {
-            // Lists and tuples are flattened: their numbers follow each other. Commas are optional at the
-            // end.
+            // Lists and tuples are flattened: their numbers follow each other. Commas are optional.
             Some(open @ (b'(' | b'[')) => {
                 self.at += 1;
                 let close = if open == b'(' { b')' } else { b']' };

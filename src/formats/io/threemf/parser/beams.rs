@@ -1,5 +1,5 @@
-//! The XML elements of beam lattices. Attributes that a beam or ball leaves out have the value of the lattice; lengths
-//! are in the unit of the model.
+//! The XML elements of beam lattices. Attributes that a beam or ball leaves out have the value of the lattice, but `r2`
+//! that of `r1`. Lengths are in the unit of the model.
 
 use super::Parser;
 use crate::io::beam_parts::BeamCap;
