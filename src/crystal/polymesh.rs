@@ -267,7 +267,7 @@ impl PolyMesh {
     /// image has its faces inside out.
     ///
     /// # Errors
-    /// [`PolyError::NotFinite`] where the map gives no finite point.
+    /// [`PolyError::NotFinite`] where the map gives a point that is not finite or beyond 1e18.
     pub fn mapped(&self, map: impl Fn(Vec3) -> Vec3) -> Result<Self, PolyError> {
         let vertices: Vec<Vec3> = self.vertices.iter().map(|&v| map(v)).collect();
         topology::finite(&vertices)?;

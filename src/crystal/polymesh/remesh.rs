@@ -52,7 +52,7 @@ pub enum Grouping {
     /// The number of the class, from 1.
     #[default]
     Class,
-    /// The group of the parent face; faces without a parent get M + 1 in class 2 and M + 2 in class 3, with M
+    /// The group of the parent face; faces without a parent get M + 1 in classes 1 and 2, M + 2 in class 3, with M
     /// the greatest old group.
     Keep,
     /// The group of the parent face; every face has to have a parent.

@@ -101,8 +101,8 @@ impl Draft {
         })
     }
 
-    /// Closes each hole with one face, all in a new group. Holes that meet at a vertex remain open, and the
-    /// validation of the mesh reports them.
+    /// Closes each hole with one face, all in a new group. Where two of them meet at a vertex none is closed,
+    /// and the validation of the mesh reports them.
     fn close(&mut self) {
         let edges = |face: &[u32]| {
             let next = face.iter().copied().cycle().skip(1);
