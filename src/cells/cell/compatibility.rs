@@ -115,12 +115,12 @@ pub fn symmetry<const D: usize>(
     Ok((group, lattice))
 }
 
-/// The space group of a name such as `I4132`, or of operators with fractions; `None` for a point group.
+/// The space group of a name such as `I4132`, or of operators with fractions; `None` for a point group. The operators
+/// of the result are on the first lattice of the element.
 ///
 /// # Errors
 /// [`CellError::Unfitting`] for an element that is no hex, or a group that does not map the cube onto itself;
 /// [`CellError::Symmetry`] for invalid operators.
-/// The operators of the result are on the first lattice of the element.
 pub fn space_group<const D: usize>(
     element: Element,
     group: Option<&str>,
@@ -227,7 +227,8 @@ pub(super) fn symmetry_of(
             let expected = lattices(element).join(" or ");
             return Err(unfitting(element, "lattice", leaf.lattice_text(), expected));
         }
-        // The common operators of all series so far, with the name of the series whose group they are.
+        // The common operators of all series so far, with the name of the last series whose whole group they were; the
+        // name may denote a larger group and is checked below.
         found = Some(match found.take() {
             None => (leaf.group_name().to_owned(), operators),
             Some((name, mut common)) => {

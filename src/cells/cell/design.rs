@@ -1,7 +1,7 @@
 //! How a cell was designed: its target, the course of the optimisation, the properties of the result.
 //!
 //! The report is written into `.cell` files as it is, so that names of fields are names in files. Absent fields are
-//! read as 0, empty or none. Nothing here computes; properties are relative to those of the solid material.
+//! read as 0, false, empty or none. Nothing here computes; properties are relative to those of the solid material.
 
 use serde::{Deserialize, Serialize};
 

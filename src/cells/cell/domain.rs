@@ -92,7 +92,7 @@ impl Domain {
             .iter()
             .map(|f| measure(f, element.dimension()))
             .sum();
-        // The group maps each flag of the domain onto as many others as it has operators.
+        // Each flag of the domain stands for as many flags as the group has operators.
         let images = operators.len() as f64 / total;
         Self {
             flags: chosen

@@ -2,8 +2,6 @@
 //!
 //! [`Cell::from_json`] and [`Cell::to_json`] describe the format. Unknown keys are errors, since a misspelt one would
 //! be lost. Errors have a line where it is known: that of the parser, or of the key at fault.
-//!
-//! [`Cell::from_json`] and [`Cell::to_json`] describe the format.
 
 use super::{Cell, Expression, FitReport, Node, Series, Solid};
 use druse_geometry::frame::{Element, is_in_range};

@@ -294,7 +294,7 @@ impl Cell {
     }
 
     /// The share weighted by a density of this cell, such as the volume in space per reference volume.
-    /// It is the mean of the density over the solid part, relative to that over the element; 0 to 1. The density
+    /// It is the integral of the density over the solid part, divided by that over the element; 0 to 1. The density
     /// belongs to a cell of the same element and group.
     pub fn weighted_volume_fraction(&self, density: &Density) -> f64 {
         self.fraction(Some(density))
@@ -358,8 +358,8 @@ impl Cell {
         if hi - lo <= CONSTANT_RANGE * hi.abs().max(lo.abs()).max(f64::MIN_POSITIVE) {
             return Err(self.no_surface("solid", lo, hi));
         }
-        // Levels from the grid and from every second point of it: the error is of second order, so that the
-        // two extrapolate.
+        // Short series are corrected for curvature. Of others the levels from the grid and from every second point of
+        // it extrapolate, since the error is of second order.
         let fine = samples.level_for(self.solid, fraction, 1);
         if self.is_corrected_for_curvature() {
             return Ok(samples.corrected_level(self, fraction, fine));
@@ -386,7 +386,8 @@ impl Cell {
     }
 
     /// Checks by samples that the element holds both solid and void.
-    /// The grid has a step of about 1/24 of a flag's edge, so that a smaller void or solid can be missed.
+    /// The grid has a step of 1/24 of a flag's edge, up to 1/8 where the domain has several flags, so that a smaller
+    /// void or solid can be missed.
     ///
     /// # Errors
     /// [`CellError::NoSurface`] with the missing phase and the range of the field.

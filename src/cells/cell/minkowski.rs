@@ -166,9 +166,9 @@ struct Frame {
     extension: Option<Extension>,
 }
 
-/// An error for a planar element, and for the torus of an element whose cell has no period.
 impl Frame {
-    /// The grid over the box that the environment needs.
+    /// The grid over the box that the environment needs. An error for a planar element, and for the torus of an element
+    /// whose cell has no period.
     fn new(element: Element, environment: Environment) -> Result<Self, FitError> {
         if element.dimension() == 2 {
             return Err(FitError::NoExtension {

@@ -67,8 +67,7 @@ pub struct Mismatch {
 
 impl Cell {
     /// The cell's function on a frame.
-    /// Only a single series in space or in the plane gives waves; other functions, such as sums and products, are
-    /// sampled.
+    /// Only a single series in space or in the plane gives waves; series of the ball and all combinations are sampled.
     pub fn restriction(&self, frame: &Frame) -> Restriction {
         let is_unsigned = matches!(self.solid(), super::Solid::Sheet | super::Solid::Channels);
         let data = match self.expression().node() {
@@ -143,8 +142,8 @@ fn merged(waves: impl Iterator<Item = (Vec3, [f64; 2])>, frame: &Frame) -> Vec<W
 
 impl Restriction {
     /// How far two restrictions differ; infinitely if they are not comparable.
-    /// Waves bound the difference everywhere; samples give the greatest at the points. Two sheets are also compared
-    /// with one sign reversed, and the closer pair counts.
+    /// Waves bound the difference everywhere; samples give the greatest at the points. Waves of two sheets or channels
+    /// are also compared with one sign reversed, and the closer pair counts.
     pub fn mismatch(&self, other: &Self) -> Mismatch {
         let plain = self.signed_mismatch(other, 1.0);
         if !(self.is_unsigned && other.is_unsigned) {

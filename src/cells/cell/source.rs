@@ -4,8 +4,9 @@
 //! extend beyond its element or fill only a part of it. Whatever its origin (triangles, points, voxels,
 //! struts, plates, a formula), the fit evaluates it at points; values are negative inside.
 //!
-//! A source is *exact* if its value is the distance to its surface. A formula is not exact, and neither is a source
-//! that its placement shears, except a mesh, whose corners are placed before distances are measured.
+//! A source is *exact* if its value is the distance to its surface. A formula is not exact, nor are scalar samples of
+//! another mean slope than about 1, nor is a source that its placement shears, except a mesh, whose corners are placed
+//! before distances are measured.
 
 use super::FitError;
 use super::fit::{Placement, SourceReport};
@@ -273,7 +274,7 @@ impl Source {
     }
 
     /// The largest band limit that the samples support; infinite unless the source is sampled.
-    /// In cycles per reference length, at least 1: half of the samples per reference length, rounded down.
+    /// In cycles per reference length, at least 1: (n - 1) / 2 for n samples per reference length, rounded down.
     pub fn max_band_limit(&self) -> f64 {
         self.resolution
             .map_or(f64::INFINITY, |n| (n.max(3) - 1).div_euclid(2) as f64)

@@ -169,8 +169,8 @@ impl Table {
                 })
         });
         let products = Products::of(cell, &expression);
-        // One series without further nodes is evaluated without the tree, and has bounds near its surface
-        // too.
+        // One series without further nodes whose value is that of its spline at a single point needs no tree, and
+        // has bounds near its surface too.
         let (function, gradient_bounds) =
             if leaves.len() == 1 && leaves[0].is_single_spline() && expression.nodes() == 1 {
                 let leaf = leaves.swap_remove(0);

@@ -192,7 +192,7 @@ impl Products {
     }
 
     /// Value of the solid field from that of the sum, and its derivative with respect to the sum.
-    /// The derivative of a sheet has the sign of the sum.
+    /// The derivative has the sign of the sum for a sheet, and the opposite one for channels.
     fn solid(&self, sum: f64) -> (f64, f64) {
         match self.solid {
             Solid::Below | Solid::Above => (sum, 1.0),

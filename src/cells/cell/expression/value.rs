@@ -171,7 +171,8 @@ impl Expression {
     /// gradient. Where the minimum switches between two operands, the gradient jumps, and an error of the
     /// values moves the switch. There the bound of the gradient's error does not hold.
     /// The entries are the errors of value and gradient, then the bound of the gradient's length.
-    /// A combination has the greatest of its parts, a sum the weighted sum.
+    /// A sum has the weighted sums. A minimum or maximum has the greatest of its parts, and a rounded one a greater
+    /// error of the gradient.
     pub(in crate::cell) fn error_bound_with(
         &self,
         leaf: &mut dyn FnMut(&Node) -> [f64; 3],

@@ -1,8 +1,8 @@
 //! The function of a `.cell` file: a series, or an expression of several.
 //!
-//! The entries mirror the objects of the file; [`Reader`] makes functions from them. A lattice in the file is rounded
-//! to the named one that it equals. Lines of errors are found by counting keys in the text, since the parser keeps
-//! none.
+//! The entries mirror the objects of the file; [`Reader`] makes functions from them. The named lattice that it equals
+//! replaces a lattice in the file; any other is an error. Lines of errors are found by counting keys in the text,
+//! since the parser keeps none.
 
 use super::super::compatibility::{rank, symmetry_of};
 use super::super::{CellError, Expression, Series, lattices};
@@ -93,7 +93,7 @@ impl Reader<'_> {
     }
 
     /// An error at the key that causes it, if it has one.
-    /// The first line with the lattice otherwise.
+    /// Otherwise at the lattice of the current series.
     pub fn fault(&self, e: &CellError) -> CellTextError {
         let line = match e {
             CellError::Coefficient { place, .. } => {

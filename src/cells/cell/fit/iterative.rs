@@ -92,7 +92,8 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 
 /// The minimum of [`super::least_squares`] for samples on a grid of `n`^D points, and the number of steps. If
 /// `kept` is not empty, the other unknowns stay zero, and the constraint must apply to the kept ones alone.
-/// Ends at a relative residual of 1e-8. [`FitError::NotConverged`] after 8000 steps, or when numbers are not finite.
+/// Ends at a relative residual of 1e-8. [`FitError::NotConverged`] after 8000 steps, or when numbers are not finite;
+/// [`FitError::Cancelled`].
 pub(super) fn conjugate_gradients<const D: usize>(
     basis: &Basis<D>,
     n: usize,

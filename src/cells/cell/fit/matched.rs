@@ -82,7 +82,7 @@ pub fn fit_matched(
         constraint = constraint.and(&Constraint::block_diagonal(&own.collect::<Vec<_>>()));
     }
     let real = NormalEquations::joined(equations).solve(Some(&constraint))?;
-    // Sheets have one thickness, the mean: their middle functions agree, so that their surfaces agree too.
+    // Sheets, and channels, have one thickness, the mean: their middle functions agree, and so do their surfaces.
     let half = cells
         .iter()
         .map(|c| c.level() / field_units_per_edge(c))

@@ -88,7 +88,7 @@ impl Affine {
 impl Placement {
     /// The map for a source with these bounds.
     /// `bounds` is the source's box, which only [`Placement::Fit`] uses. An error for a box without size, numbers that
-    /// are not finite, a scale that is not positive, and vertices that span no volume.
+    /// are not finite, a scale that is not positive, and vertices that give no map.
     pub(in crate::cell) fn affine(
         &self,
         element: Element,
@@ -139,7 +139,7 @@ impl Placement {
 
 /// The affine map that takes the given vertices to those of the element.
 /// Three edges from the first vertex give the map. Their determinant must exceed 1e-9 of the cubed size, and the other
-/// vertices must lie within 1e-6 reference lengths. A planar element is an error.
+/// vertices must lie within 1e-6 reference lengths. A planar element and another number of vertices are errors.
 fn from_vertices(element: Element, vertices: &[Vec3]) -> Result<Affine, FitError> {
     let fail = |text: String| Err(FitError::Placement(text));
     let reference = element.vertices();

@@ -1,8 +1,8 @@
 //! One fit with one band limit: samples, coefficients, report.
 //!
-//! [`Job`] holds the inputs. The rank of the element's lattice selects the dimension, the method selects least squares
-//! over the element or the transform of a period. Both give coefficients in the real orthonormal basis, from which
-//! the series, the cell and its measured report are made.
+//! [`Job`] holds the inputs. The rank of the element's lattice selects the dimension. Least squares over the element
+//! serve the method `lsq` without samples of a period; everything else is the transform of a period. Both give
+//! coefficients in the real orthonormal basis, from which the series, the cell and its measured report are made.
 
 use super::super::compatibility;
 use super::super::domain::Domain;
@@ -70,7 +70,7 @@ impl Job<'_> {
     }
 
     /// Fits in dimension `D` of the lattice: basis, constraint, samples, coefficients, then the accuracy of the cell.
-    /// A cell without solid or void is an error, and so is a source that has no symmetric part.
+    /// A cell without solid or void is an error, and so is a source to be averaged that has no symmetric part.
     fn run_in<const D: usize>(&self, name: &str) -> Result<Cell, FitError>
     where
         Expression: From<Series<D>>,
@@ -152,7 +152,7 @@ impl Job<'_> {
         } else {
             basis.len()
         };
-        // The accuracy is measured at about as many points as the fit has, but at others.
+        // The accuracy is measured at about as many points as least squares have, but at others; over a period fewer.
         let parts_per_edge = parts_per_edge(self.element, &domain, unknowns, options.samples);
         let measured_options = FitOptions {
             band_limit: basis.radius(),
@@ -310,7 +310,8 @@ impl Job<'_> {
         Ok(real)
     }
 
-    /// Fits by the transform of a whole period (section 3), followed by filter, truncation and the constraint.
+    /// Fits by the transform of a whole period (section 3), followed by filter, penalty (of given samples only),
+    /// truncation and the constraint.
     fn transform<const D: usize>(
         &self,
         basis: &Basis<D>,

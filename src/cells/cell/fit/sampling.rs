@@ -217,7 +217,7 @@ pub(super) fn quadrature_points(
 
 /// The target at quadrature points, where the first `interior` belong to the interior, and the symmetry of
 /// the source.
-/// A value that is not finite, and a target of one sign, are errors. The values are in the order of the points.
+/// A value that is not finite, a target of one sign and cancelling are errors. Values are in the order of the points.
 pub(super) fn sample(
     element: Element,
     target: &Target,

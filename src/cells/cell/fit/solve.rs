@@ -209,7 +209,6 @@ impl NormalEquations {
     }
 
     /// The equations for some unknowns in ascending order; the other unknowns are zero.
-    /// Numbers of unknowns, ascending.
     pub fn restricted(&self, kept: &[usize]) -> Self {
         let m = kept.len();
         Self {
@@ -228,8 +227,8 @@ impl NormalEquations {
         let n = self.right.len();
         let largest = self.matrix.diagonal().max();
         let span = constraint.map(Constraint::span).filter(|s| s.ncols() > 0);
-        // a = N y with N a basis of the null space: the constraint holds inside the least squares (5.2). A
-        // projection afterwards would spoil the fit.
+        // The quadratic form is restricted to the null space: the constraint holds inside the least squares (5.2). A
+        // projection afterwards alone would spoil the fit.
         let solution = if let Some(span) = span {
             let mut matrix = self.matrix.clone();
             matrix.fill_upper_triangle_with_lower_triangle();
@@ -242,7 +241,7 @@ impl NormalEquations {
         match solution {
             Some(a) if a.iter().all(|v| v.is_finite()) => {
                 let mut real = a.as_slice().to_vec();
-                // Removes the rounding of the step a = N y.
+                // Removes what rounding adds to the solution outside the null space.
                 if let Some(constraint) = constraint {
                     constraint.project(&mut real);
                 }

@@ -25,8 +25,8 @@ pub fn fit_source(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Cell, FitError> {
-    // Without a tolerance the band limit is that of the options. A search for a tolerance starts with a low one and
-    // checks the resolution by itself.
+    // Without a tolerance the band limit is that of the options. A search for a tolerance starts with a low one; the
+    // resolution is not checked then.
     if options.tolerance.is_none() {
         source.check_resolution(options.band_limit)?;
     }
@@ -34,7 +34,7 @@ pub fn fit_source(
         // Points of the surface, at which the error of the fit is measured.
         points: source.surface_points().to_vec(),
         source: Some(source.report()),
-        // A source is no repeating field: it has no period of its own.
+        // The source is evaluated at points; samples of a period are fitted elsewhere.
         period: None,
         // Whether values are no exact distances: the report then measures distances by Newton steps on the source
         // instead of taking its values.

@@ -91,7 +91,7 @@ impl<const D: usize> Spectrum<D> {
     }
 
     /// Sets G at k, and its conjugate at -k.
-    /// Both where the last component is 0. Components are at most N/2 in magnitude.
+    /// An index is stored only if its last component is not negative. Components are at most N/2 in magnitude.
     pub fn set(&mut self, k: Frequency<D>, value: Complex64) {
         if k[D - 1] >= 0 {
             let position = self.position(k);

@@ -1,7 +1,8 @@
+//! A density over the element: the volume in space that each point of the element represents.
+//!
 //! Shares of volume count every point of the element alike. In a curved or graded part that is not the volume in
 //! space, and a density weights them. The density is averaged over the cell's group and interpolated on a coarse grid
 //! per flag; it is not checked to be positive or finite.
-//! A density over the element: the volume in space that each point of the element represents.
 
 use super::super::Cell;
 use super::super::domain::{Domain, Flag, SimplexGrid};

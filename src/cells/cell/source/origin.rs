@@ -110,7 +110,8 @@ fn permutes_axes(operator: &Mat3) -> bool {
 }
 
 /// The share that remains of a function about an origin.
-/// Mean square of the symmetric part divided by the mean square, 0 to 1; 0 for a function that vanishes.
+/// Mean square of the symmetric part divided by the mean square, 0 to 1; 0 for a function that vanishes or whose sums
+/// are not finite.
 fn symmetric_share(
     value: &impl Fn(Vec3) -> f64,
     origin: Vec3,

@@ -78,7 +78,7 @@ pub(super) struct SurfaceValues {
 
 impl SurfaceValues {
     /// Smallest distance of the values between `least` and `greatest` from the values of the surface.
-    /// 0 if the values on the surface are among them. The least magnitude of the range is compared for both signs.
+    /// 0 if a value of the surface is among them. Magnitudes are compared, so that both signs count alike.
     fn distance(self, least: f32, greatest: f32) -> f32 {
         let (low, high) = (least.max(-greatest).max(0.0), greatest.max(-least));
         (low - self.half).max(self.half - high).max(0.0)

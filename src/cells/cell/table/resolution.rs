@@ -128,7 +128,7 @@ impl Table {
     }
 
     /// The smooth function that the table holds, if it is one series.
-    /// `None` for an expression, and for functions that are sampled.
+    /// `None` for an expression, a planar series, a mean over rotations, and functions that are sampled.
     pub fn smooth(&self) -> Option<SmoothFunction> {
         let Function::Single(leaf) = &self.function else {
             return None;
@@ -170,7 +170,8 @@ impl Spectrum {
             let samples_for = |axis: usize| (density * self.periods[axis]).ceil() as usize;
             self.grid_with(|axis| aligned_size(samples_for(axis).min(MAX_SAMPLES)))
         };
-        // The next size until the waves that the grid holds, and those that it omits, meet the tolerance.
+        // The next size until the waves that the grid holds, and those that it omits, meet the tolerance, or until
+        // the samples reach their limit.
         let mut grid = of(MIN_SAMPLES);
         loop {
             let most = grid.max_frequency();

@@ -81,7 +81,7 @@ impl SplineSeries {
     }
 
     /// Whether the value is that of the spline at a single point.
-    /// If not, [`SplineSeries::value`] averages or drops the derivative along z.
+    /// If not, values and gradients are means over rotated points, or the derivative along z is dropped.
     pub fn is_single_spline(&self) -> bool {
         self.rotations.len() == 1 && !self.planar
     }

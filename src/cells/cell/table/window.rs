@@ -47,7 +47,7 @@ pub(super) fn coefficients(products: &Products, grid: &Grid) -> Vec<Complex64> {
 }
 
 /// Bounds of the error of the value and of each gradient component inside the ball.
-/// The gradient's bound also holds for the kink at the faces of the box, damped by its distance.
+/// Both include the kink at the faces of the box, damped by its distance.
 pub(super) fn error_bounds(products: &Products, grid: &Grid) -> (f64, f64) {
     let n = grid.samples[0] as f64;
     let (mut value, mut slope) = (0.0, 0.0);

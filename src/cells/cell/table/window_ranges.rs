@@ -216,7 +216,7 @@ impl WindowRanges {
 }
 
 /// The adjacent windows of two spline cells, and their units.
-/// The base level has windows of two cells, each with the range of both.
+/// Two along each axis, so that a window has the range of up to eight cells.
 fn base(coefficients: &[f32], grid: &Grid, largest: f32) -> (Units, Level) {
     use rayon::prelude::*;
     // Windows of two cells per axis, side by side. A task has one plane of windows, hence two planes of
@@ -241,7 +241,7 @@ fn base(coefficients: &[f32], grid: &Grid, largest: f32) -> (Units, Level) {
                 }
             }
         });
-    // Units are known only after all ranges are: the largest number has the most quantization steps.
+    // The unit of slopes is known only after all ranges are: the largest number has the most quantization steps.
     let max_slope = ranges.iter().fold(0f32, |m, r| m.max(r.max_slope));
     let units = Units::new(largest, max_slope);
     let level = Level {
@@ -261,7 +261,8 @@ fn wider(last: &Level, samples: [usize; 3]) -> Option<Level> {
     if samples.into_iter().all(|n| last.width >= n) {
         return None;
     }
-    // Wide windows need few starts: once four of them overlap everywhere, every second start is dropped.
+    // Wide windows need few starts: once four of them overlap everywhere and their number is even, every second
+    // start is dropped.
     let step = [0, 1, 2].map(|a| {
         let coarser = last.width >= 4 * last.stride[a] && last.count[a].is_multiple_of(2);
         if coarser { 2 } else { 1 }

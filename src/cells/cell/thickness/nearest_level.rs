@@ -226,9 +226,8 @@ struct LevelBracket {
     replaced: Option<usize>,
 }
 
-/// It keeps 2 % of the bracket from its ends.
 impl LevelBracket {
-    /// The level at which the line through both ends meets the target, away from the ends.
+    /// The level at which the line through both ends meets the target, at least 2 % of the bracket away from the ends.
     fn secant(&self) -> f64 {
         let ([thin, thick], [low, high]) = (self.levels, self.deviations);
         thin + (thick - thin) * (low / (low - high)).clamp(0.02, 0.98)

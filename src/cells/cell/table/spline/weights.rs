@@ -105,7 +105,7 @@ impl Weights {
         for (to, from) in self.y[1].iter_mut().zip(lanes.interleave(y2, y3)) {
             lanes.store(from, to);
         }
-        // Per point the pairs (w_z0, w_z1), then (w_z2, w_z3), two points per row.
+        // A row has two points: the pairs (`w_z0`, `w_z1`) of both, then their pairs (`w_z2`, `w_z3`).
         let ([a, b], [c, d]) = (lanes.interleave(z0, z1), lanes.interleave(z2, z3));
         let ([first, third], [second, last]) =
             (lanes.regroup_halves(a, c), lanes.regroup_halves(b, d));
