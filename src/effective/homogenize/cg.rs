@@ -134,7 +134,7 @@ impl Begin {
 ///
 /// # Errors
 /// `NotConverged` after `control.max_iterations`, or where a sum is not finite; `Cancelled`. `u` then holds the
-/// last iterate.
+/// last iterate. A residual in the null space of K is no error: the iterations end there.
 pub(super) fn solve(
     system: &mut impl System,
     u: &mut [f64],

@@ -32,8 +32,7 @@ pub struct Conductivity {
     pub matrix: [[f64; 3]; 3],
     /// Iterations of each load case.
     pub iterations: [usize; 3],
-    /// Potentials of the load cases, one value per voxel, z fastest; empty unless the solution began with given
-    /// ones.
+    /// Potentials of the load cases, one value per voxel, z fastest; empty without a `start`.
     pub potentials: Vec<Vec<f64>>,
 }
 
@@ -169,7 +168,7 @@ impl<'a> Conduction<'a> {
         sum.map(|s| s / self.grid.voxels() as f64)
     }
 
-    /// The energy density of a response `u` of [`Conduction::respond`], derived by the share of solid in each voxel:
+    /// Twice the energy density of a response `u` of [`Conduction::respond`], derived by each voxel's share of solid:
     /// (`k_solid` - `k_void`) |e|^2. It is the derivative of `gradient . K gradient` times the number of voxels.
     pub fn energy_sensitivity(&self, gradient: [f64; 3], u: &[f64]) -> Vec<f64> {
         let nz = self.grid.counts()[2];

@@ -73,7 +73,7 @@ impl<'a> Elasticity<'a> {
         })
     }
 
-    /// Bytes for each voxel that a solution takes; `keeps`: whether those of all load cases are kept.
+    /// Bytes for each voxel that a solution takes; `keeps`: whether the displacements of all load cases are kept.
     pub fn bytes_per_voxel(keeps: bool) -> u64 {
         let fields = if keeps { 6 } else { 1 };
         // Shares, displacements, residual, product, direction (single precision), two buffers of transforms.
@@ -131,8 +131,8 @@ impl<'a> Elasticity<'a> {
     }
 
     /// Solves load cases: unit strains by their Voigt numbers. `start` holds displacements to begin with, all
-    /// six or none, and the displacements are given back; with `None` the load cases begin with zero and their
-    /// displacements are dropped. Columns of other load cases stay zero.
+    /// six or none (others begin with zero), and the displacements are given back; with `None` the load cases begin
+    /// with zero and their displacements are dropped. Columns of other load cases stay zero.
     ///
     /// # Errors
     /// [`HomogenizeError::Cancelled`] and [`HomogenizeError::NotConverged`].

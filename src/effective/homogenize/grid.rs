@@ -1,6 +1,6 @@
 //! The grid of voxels over one period.
 //!
-//! All fields of this room are arrays over such a grid. It is a value of two triples: numbers of voxels and edge
+//! All fields of homogenisation are arrays over such a grid. It is a value of two triples: numbers of voxels and edge
 //! lengths of the box; it holds no field itself.
 
 use super::HomogenizeError;

@@ -400,8 +400,9 @@ impl<const K: usize> Default for Unique<K> {
 }
 
 impl<const K: usize> Unique<K> {
-    /// Adds a part, and its images in neighbouring periods that reach into this one. A part may lie up to two periods
-    /// away. Equal parts agree to 1e-7 in their corners, in any order, and to 1e-9 in their radius.
+    /// Adds a part, and its images in neighbouring periods that reach into this one once they have grown by [`GROWTH`].
+    /// A part may lie up to two periods away. Equal parts agree to 1e-7 in their corners, in any order, and to 1e-9 in
+    /// their radius.
     fn add(&mut self, corners: &[Vec3; K], radius: f64) {
         let cube = Aabb::of([Vec3::repeat(-0.5), Vec3::repeat(0.5)]);
         let reach = cube.dilated(radius + GROWTH);

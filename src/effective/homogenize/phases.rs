@@ -34,7 +34,7 @@ pub(super) struct Share {
 /// The share of solid in a part with this value at its centre and this slope (the rise over one part along each axis).
 pub(super) fn part(solid: Solid, level: f64, value: f64, slope: [f64; 3]) -> Share {
     // The share below `level`, times `sign`. `rise` is the derivative of that level by the level of the solid, -1
-    // for the lower wall of a sheet.
+    // for the lower wall of a sheet or channels.
     let one = |level: f64, sign: f64, rise: f64| {
         let (share, by_height, by_slope) = cube_share(level - value, slope);
         Share {
@@ -267,8 +267,8 @@ impl Samples {
                         let slope = self.slope(p);
                         let own = part(self.solid, self.level, self.value(p), slope);
                         let steep: f64 = (0..3).map(|a| (slope[a] / per_part[a]).powi(2)).sum();
-                        // The two walls of a sheet move alike with the level, but oppositely with the value, where they
-                        // would cancel.
+                        // The two walls of a sheet or channels move alike with the level, but oppositely with the
+                        // value, where they would cancel.
                         let walls = if self.solid.is_symmetric() {
                             own.by_level
                         } else {

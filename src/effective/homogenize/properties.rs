@@ -1,8 +1,8 @@
 //! Effective properties of a grid of shares, with engineering constants and bounds.
 //!
 //! One call solves up to three problems: stiffness, conductivity, permeability. Where the shares have cubic symmetry
-//! one load case of each kind is enough. Moduli and conductivities are in the unit of the given ones, permeability in
-//! squared reference lengths. Nothing here samples a cell: the shares are given.
+//! two load cases of stiffness and one of each other are enough; planar grids add three of plane stress. Moduli and
+//! conductivities are in the unit of the given ones, permeability in squared reference lengths. The shares are given.
 
 use super::cg::Control;
 use super::conductivity::Conduction;
@@ -198,8 +198,7 @@ pub fn properties_from(
         load_cases: 0,
         iterations: [0; 3],
     };
-    // Voxels of at least half solid count as solid for connectivity and flow.
-    // A medium with the symmetry of the cube needs one load of each kind: stretch along x, shear in yz.
+    // A medium with the symmetry of the cube needs two loads of stiffness: stretch along x, shear in yz.
     let is_cubic = !settings.all_loads && is_cubic(grid, shares);
     if settings.stiffness {
         let mut medium = Elasticity::new(grid, shares, settings.solid, void, settings.scheme)?;

@@ -161,12 +161,12 @@ impl<const C: usize> Spectral<C> {
                             let mut v: [Complex32; C] =
                                 std::array::from_fn(|c| turned[c * nx * ny + at]);
                             symbol([i, j, k], &mut v);
-                            // Back along x, and back to rows along y.
                             for c in 0..C {
                                 turned[c * nx * ny + at] = v[c];
                             }
                         }
                     }
+                    // Back along x, and back to rows along y.
                     for c in 0..C {
                         let turned = &mut turned[c * nx * ny..(c + 1) * nx * ny];
                         along_x[1].process_with_scratch(turned, scratch);

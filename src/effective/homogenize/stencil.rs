@@ -327,7 +327,7 @@ impl Frequencies {
 
 /// Applies the inverse of an isotropic operator in Fourier space, into `output`. `across` is the modulus of waves
 /// across their direction (mu), `along` that of waves along it (lambda + 2 mu); for a scalar both are its
-/// coefficient. With the frequency q it is (v - (1 - across / along) q (q . v) / |q|^2) / (across |q|^2).
+/// coefficient. With the frequency q it is (v - (1 - across / along) q (q . v) / |q|^2) / (across |q|^2); 0 where q is.
 pub(super) fn green<const C: usize>(
     spectral: &mut Spectral<C>,
     frequencies: &Frequencies,
