@@ -381,7 +381,7 @@ impl TriMesh {
     }
 }
 
-/// Checks that all indices and coordinates are in range. The first fault is the result: vertices come before triangles.
+/// Checks the number of vertices, then the range of coordinates, then that of indices. The first fault is the result.
 fn validate(vertices: &[Vec3], triangles: impl Iterator<Item = [u32; 3]>) -> Result<(), MeshError> {
     let count = vertices.len();
     if count > u32::MAX as usize {

@@ -1,8 +1,8 @@
 //! The share of a cube on one side of a plane, in closed form: how much of a voxel is solid.
 //!
 //! The share is a piecewise cubic polynomial of height and slopes. Its derivatives are those of the same formula, so
-//! that both can serve an optimisation. Slopes near an axis are raised a little (`MIN_SLOPE`), which moves the share of
-//! an axis-parallel plane by about that part.
+//! that both can serve an optimisation. All slopes are raised a little (`MIN_SLOPE`), which moves the share of an
+//! axis-parallel plane by about that part.
 
 /// Slopes along axes are raised by this share of their sum: the formula divides by them.
 const MIN_SLOPE: f64 = 2e-3;

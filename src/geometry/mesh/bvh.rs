@@ -181,9 +181,8 @@ impl Bvh {
         self.local
     }
 
-    /// Visits slots that may be nearer to `p` than `best`, nearest boxes first; `visit` returns the new best distance
-    /// if the slot improves it. `p` and distances are in world units; slots come in no fixed order, and one that
-    /// `visit` does not improve costs nothing more.
+    /// Visits slots that may be nearer to `p` than `best`: the leaves of a node at once, its inner children nearest
+    /// first. `visit` returns the new best distance if the slot improves it. `p` and distances are in world units.
     #[doc(hidden)]
     pub fn nearest(&self, p: Vec3, best: f64, mut visit: impl FnMut(usize) -> Option<f64>) {
         if self.nodes.is_empty() {
@@ -258,7 +257,7 @@ impl Bvh {
             top -= 1;
             let node = &self.nodes[stack[top] as usize];
             // A box meets the ray if it contains q across the axis and reaches ahead of it along the axis.
-            // An unused lane may count as hit; the match below ignores it.
+            // The box of an unused lane is empty.
             let mut hit = [false; 4];
             for l in 0..4 {
                 let overlaps = node.lo[u][l] <= q[u]
@@ -339,7 +338,7 @@ impl Bvh {
                 if !meets || node.count[l] == UNUSED_LANE {
                     continue;
                 }
-                // An inner node has a count of 0 and its number in place of the first slot.
+                // An inner child has a count of 0 and its number in place of the first slot.
                 if node.count[l] == 0 {
                     if enters(node.first[l] as usize) {
                         stack[top] = node.first[l];

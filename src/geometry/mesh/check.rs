@@ -207,7 +207,7 @@ pub fn check(mesh: &TriMesh) -> MeshReport {
 }
 
 /// Checks a mesh; the search for self-intersections, the most expensive part, is optional. Without it
-/// `self_intersections` and `shells` of the report are `None`. Nothing of the mesh changes.
+/// `self_intersections` and `shells` of the report are `None`; `shells` is so too where too many boxes overlap.
 ///
 /// # Errors
 /// [`Cancelled`] when `progress` cancels.

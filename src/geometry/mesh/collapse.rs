@@ -36,9 +36,10 @@ pub struct CollapseGoal {
     pub error: Option<f64>,
 }
 
-/// About as many triangles as the goal, fewer by one at most and more where none can collapse. Vertices on open and
-/// non-manifold edges stay, and no new edge joins two of them. `triangles` index `vertices`; the result indexes the
-/// same vertices and may leave some unused. Distances in the goal have the unit of the vertices.
+/// About as many triangles as the goal, fewer by one at most and more where few can collapse within its error. Vertices
+/// on open, non-manifold and misoriented edges, pinched ones and those of triangles that repeat a vertex stay, and no
+/// new edge joins two of them. `triangles` index `vertices`; the result indexes the same vertices and may leave some
+/// unused. Distances in the goal have the unit of the vertices.
 #[doc(hidden)]
 pub fn collapsed(vertices: &[Vec3], triangles: &[[u32; 3]], goal: CollapseGoal) -> Vec<[u32; 3]> {
     let mut surface = Surface::new(vertices, triangles);
@@ -274,7 +275,7 @@ impl<'a> Surface<'a> {
     }
 
     /// Whether a collapse keeps the topology and makes no bad triangle; `around` are the edges around its start.
-    /// `around` has one edge per triangle about the start, each opposite it. The surface does not change.
+    /// There is one such edge per triangle about the start, opposite it. The surface does not change.
     fn permits(&self, collapse: Collapse, around: &[[u32; 2]]) -> bool {
         let Collapse { from, to, .. } = collapse;
         // A collapse joins both stars and loses two triangles of each.
@@ -368,7 +369,7 @@ impl<'a> Surface<'a> {
     }
 
     /// Makes at most `remaining` collapses that do not touch each other, the cheapest first. Returns their number.
-    /// None may cost more than `max_squared_error` for each unit of area.
+    /// None may have a greater error than `max_squared_error` for each unit of area.
     fn pass(&mut self, remaining: usize, max_squared_error: f64) -> usize {
         let vertices = 0..self.vertices.len() as u32;
         let mut candidates: Vec<Collapse> = vertices

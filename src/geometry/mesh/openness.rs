@@ -203,8 +203,8 @@ impl Samples {
 }
 
 impl fmt::Display for Openness {
-    /// The openness in words, for messages: the share of open edges and the longest hole, with lengths and place in
-    /// world units.
+    /// The openness in words, for messages: the numbers of open edges, edges and holes, and the longest hole with its
+    /// place, in world units. Without holes, whether there is a volume.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(hole) = self.holes.first() else {
             let volume = if self.inside == 0.0 {

@@ -145,7 +145,7 @@ impl PieceTree {
         if met < MIN_BOXES_MET * half_area(&bounds) {
             return None;
         }
-        // Pieces of about equal length, as many as MEAN_PIECES for each cut triangle on average.
+        // Pieces of about equal length, `MEAN_PIECES` per cut triangle on average but at most `MAX_PIECES` in all.
         let count = (MEAN_PIECES * cut.len() as f64).min(MAX_PIECES);
         let piece_length = cut.iter().map(|t| t.side.length).sum::<f64>() / count;
         let pieces = |t: &LongTriangle| {

@@ -34,8 +34,8 @@ pub struct ProjectionOptions {
 pub struct ProjectionSummary {
     /// Vertices that moved onto an edge or a corner.
     pub creased: usize,
-    /// Vertices that kept their position: no surface was found near them, or a triangle would have flipped. A triangle
-    /// that would have lost its area or met another one counts as well.
+    /// Vertices that kept their position: no surface was found near them, they would have coincided with another one,
+    /// or a triangle would have flipped, lost its area or met another one.
     pub kept: usize,
     /// Greatest magnitude of the field at moved vertices, world units.
     pub error: f64,
@@ -172,8 +172,8 @@ impl QuadMesh {
     }
 
     /// Whether to split each quad along its second diagonal: at creases the diagonal nearer to the surface is used,
-    /// elsewhere the shorter one. `points` and `targets` are by vertex; the result has one flag per quad. Triangles
-    /// (quads that repeat a corner) keep theirs.
+    /// elsewhere the shorter one. A diagonal that would flip a triangle gives way to the other. `points` and `targets`
+    /// are by vertex; the result has one flag per quad. Triangles (quads that repeat a corner) keep theirs.
     fn choose_diagonals(&self, points: &[Vec3], targets: &[Target], field: &ZeroSet) -> Vec<bool> {
         let is_creased = |v: u32| {
             points[v as usize] != self.vertices()[v as usize] && targets[v as usize].creased
@@ -201,8 +201,8 @@ impl QuadMesh {
             .collect()
     }
 
-    /// The moved vertices of triangles that intersect others, in single precision. `points` are all vertices after the
-    /// move, `swapped` marks the quads that are split along the second diagonal.
+    /// The moved vertices of quads whose triangles intersect others, in single precision. `points` are all vertices
+    /// after the move, `swapped` marks the quads that are split along the second diagonal.
     fn intersecting_vertices(
         &self,
         points: &[Vec3],
@@ -478,8 +478,8 @@ impl ZeroSet<'_> {
     /// Up to three tangent planes of the field around `x` with different normals, nearest first. The field is sampled
     /// at `radius` from `x`; planes farther than `reach` are left out. Both are world units.
     fn tangent_planes(&self, x: Vec3, radius: f64, reach: f64) -> Vec<Tangent> {
-        // The field at the middles of the 6 faces and at the 8 corners of a cube around x: each value gives a tangent
-        // plane.
+        // The field in the directions of the 6 face middles and the 8 corners of a cube around x: each value gives a
+        // tangent plane.
         let mut all = Vec::with_capacity(14);
         for n in (0..27).filter(|&n| n != 13) {
             let direction = Vec3::new(

@@ -1,9 +1,10 @@
 //! Repair of meshes with defects: orientation, union of shells, closing of holes.
 //!
-//! A repair runs in this order: copies of triangles are removed, neighbours are oriented alike, inward shells are
-//! flipped, scans of one surface are reduced to one, buried parts are removed, and the winding number closes what is
-//! still open. Each step that changes something leaves a note for the user. The result is a solid with a signed
-//! distance, not a closed mesh: holes get no triangles. Shells are connected components through edges of two triangles.
+//! A repair runs in this order: copies of triangles of an open mesh are removed, neighbours are oriented alike, inward
+//! shells are flipped, cracks are closed, scans of one surface are reduced to one, buried parts are removed, and the
+//! winding number closes what is still open. Steps that change something leave notes for the user; flipped shells leave
+//! none where faces were flipped and all shells are inward. The result is a solid with a signed distance, not a closed
+//! mesh: holes get no triangles. Shells are connected through edges, those of more than two triangles by pairs.
 
 use super::boundary_edges::BoundaryEdges;
 use super::cracks::without_cracks;
@@ -90,8 +91,8 @@ struct Oriented {
 }
 
 impl Oriented {
-    /// Orients a mesh: triangles given twice are removed, then triangles are flipped to agree with their neighbours,
-    /// then shells that point inward. Boundaries, shells and their nesting are those of the result.
+    /// Orients a mesh: triangles given twice are removed if it is open, then triangles are flipped to agree with their
+    /// neighbours, then shells that point inward. Boundaries, shells and their nesting are those of the result.
     fn of(mut mesh: TriMesh) -> Self {
         let mut merged = mesh.merged();
         let mut count = merged.vertices().len();
@@ -330,8 +331,8 @@ impl MeshSolid {
     }
 
     /// Repairs a mesh, as [`MeshSolid::repaired_with_caps`]; with `is_thorough` a shell may bury parts of itself.
-    /// `caps` marks the triangles that count for the winding number only. The notes come in the order of the repairs.
-    /// It calls itself with the flipped mesh where most is inside out.
+    /// `caps` marks the triangles that count for the winding number only. The notes come in the order cracks, copies
+    /// and scans, flips, union, holes. It calls itself with the flipped mesh where most is inside out.
     fn repaired_by(
         mesh: TriMesh,
         caps: impl Fn(&TriMesh) -> Vec<bool>,

@@ -118,7 +118,7 @@ struct Comparison {
 }
 
 impl Comparison {
-    /// Compares triangles' centres with a surface; those within `reach` are near. `reach` is in world units; about
+    /// Compares triangles' centres with a surface; those within `reach` are near. `reach` is in world units; at most
     /// [`SCAN_SAMPLES`] centres are taken at equal steps of their numbers.
     fn of(part: &TriMesh, solid: &MeshSolid, reach: f64) -> Self {
         let mut found = Self {

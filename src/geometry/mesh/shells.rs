@@ -130,7 +130,7 @@ impl Shells {
 }
 
 /// The triangles to reverse so that neighbours are oriented consistently: the minority of each component that has no
-/// open edge and is orientable, connected through edges of two triangles. `None` where the mesh is consistent already.
+/// open edge and is orientable, connected through edges of two triangles. `None` where no triangle is to be reversed.
 /// One flag per triangle.
 pub(crate) fn inconsistent_triangles(mesh: &TriMesh, sides: &HalfEdges) -> Option<Vec<bool>> {
     let triangles = mesh.triangles();
@@ -208,8 +208,8 @@ fn edge_pair(triangles: &[[u32; 3]], edge: &[HalfEdge]) -> Option<[HalfEdge; 2]>
 }
 
 /// The number of solid bodies and the number of cavities that the shells of a mesh bound. The mesh must be closed,
-/// consistently oriented and free of self-intersections. The first number are shells of positive volume, the second
-/// those of negative volume.
+/// consistently oriented and free of self-intersections. The second number are shells of negative volume, the first
+/// all others.
 pub fn count_bodies(mesh: &TriMesh) -> (u64, u64) {
     let merged = mesh.merged();
     let sides = HalfEdges::of(merged.triangles(), merged.vertices().len());
@@ -228,8 +228,9 @@ pub(crate) struct Nesting {
 
 impl Nesting {
     /// The nesting of measured shells; `of` is the shell of each triangle, `soup` contains all triangles. A shell lies
-    /// within another if both are closed, its box lies in that of the other, and most of its probes have a winding
-    /// number about the other that is not 0; a shell is not within the same one inside out.
+    /// within another if both are closed, its box lies in that of the other, and most of its probes (one corner, if it
+    /// has none) have a winding number about the other that is not 0. A cavity lies only in shells of greater volume:
+    /// it is not within the same shell inside out.
     pub(crate) fn of(shells: &[ShellMeasures], of: &[u32], soup: &Soup) -> Self {
         let bvh = Bvh::new(shells.len(), |s| shells[s].bounds);
         let mut within = vec![Vec::new(); shells.len()];
@@ -298,8 +299,8 @@ impl Nesting {
     }
 }
 
-/// Points just behind some triangles of each shell that is oriented inward and may lie in another. `of` is the shell
-/// of each triangle, `within` the shells around each shell.
+/// Points just in front of some triangles of each shell that is oriented inward and may lie in another. `of` is the
+/// shell of each triangle, `within` the shells around each shell.
 fn cavity_probes(
     shells: &[ShellMeasures],
     of: &[u32],
@@ -314,7 +315,7 @@ fn cavity_probes(
             triangles.entry(shell).or_default().push(slot);
         }
     }
-    // Evenly spread over the slots of a shell, about CAVITY_PROBES of them.
+    // Evenly spread over the slots of a shell, at most `CAVITY_PROBES` of them.
     let probes = triangles.into_iter().map(|(shell, slots)| {
         let step = slots.len().div_ceil(CAVITY_PROBES).max(1);
         // Inward normals lead into the cavity.

@@ -1,8 +1,8 @@
 //! Parser of formulas: recursive descent over single characters, into steps in reverse Polish notation.
 //!
 //! One function reads each level of precedence: `sum`, `product`, `signed`, `power`, `atom`. Each leaves exactly one
-//! value more on the stack. An error names the column of the first character that does not fit and what would fit
-//! there; the steps read so far are dropped.
+//! value more on the stack. An error names the column of the first character that does not fit, or of the name at
+//! fault, and what would fit there; the steps read so far are dropped.
 
 use super::noise::noise;
 use super::{FormulaError, MAX_DEPTH, MAX_LENGTH, STACK_SIZE, Step};

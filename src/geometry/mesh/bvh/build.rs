@@ -95,7 +95,8 @@ pub(super) fn build(primitives: &mut [Primitive], base: u32, depth: usize, out: 
         }
         start += length as u32;
     }
-    // Children of large ranges are built apart from each other, with numbers from 0, then moved behind the others.
+    // Children of large ranges are built apart from each other, with numbers from 0, then moved behind the others. The
+    // parts cover the range, so that `rest` is empty.
     if rest.is_empty() && start - base >= MIN_PARALLEL_PRIMITIVES as u32 {
         use rayon::prelude::*;
         let built: Vec<(usize, Vec<Node>)> = inner
@@ -109,7 +110,7 @@ pub(super) fn build(primitives: &mut [Primitive], base: u32, depth: usize, out: 
         for (l, nodes) in built {
             let shift = out.len() as u32;
             node.first[l] = shift;
-            // Only inner lanes hold numbers of nodes.
+            // Only inner lanes, with a count of 0, hold numbers of nodes.
             out.extend(nodes.into_iter().map(|mut n| {
                 for l in 0..4 {
                     if n.count[l] == 0 {
@@ -131,7 +132,7 @@ pub(super) fn build(primitives: &mut [Primitive], base: u32, depth: usize, out: 
 /// Sorts a range into up to four consecutive parts, the children of a node; returns their lengths.
 fn split_in_four(primitives: &mut [Primitive], depth: usize) -> Vec<usize> {
     let mut parts = vec![primitives.len()];
-    // Halves the part whose box has the largest surface, until there are four or none is worth it.
+    // Halves the part whose box has the largest surface, until there are four or all fit into leaves.
     while parts.len() < 4 {
         let mut start = 0;
         let mut widest = (-1f32, 0, 0);
@@ -156,7 +157,7 @@ fn split_in_four(primitives: &mut [Primitive], depth: usize) -> Vec<usize> {
 }
 
 /// Partitions a range in two by the least surface-area cost over bins; returns the first part's length. `depth` counts
-/// the halvings above: deep ranges are split at the median.
+/// the halvings above. Deep ranges, small ones and those with one common centre are split at the median.
 fn split(primitives: &mut [Primitive], depth: usize) -> usize {
     let n = primitives.len();
     // Bins divide the range of the centres, not of the boxes: no bin at an end is empty.
