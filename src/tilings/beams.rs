@@ -149,8 +149,9 @@ impl Beams {
         best
     }
 
-    /// Collects into `found` the parts that give the minimum below `reach` somewhere in a ball. Returns the smallest
-    /// distance of the centre, or infinity if no part is within `reach` of the ball. World units.
+    /// Collects into `found` the parts that give the minimum below `reach` somewhere in a ball, and those that affect
+    /// fillets there. Returns the smallest distance of the centre, or infinity if no part is within `reach` of the
+    /// ball. World units.
     fn gather(&self, centre: Vec3, radius: f64, reach: f64, found: &mut Vec<(f64, u32)>) -> f64 {
         found.clear();
         let point_box = Aabb {
@@ -214,9 +215,9 @@ impl Beams {
         }
     }
 
-    /// Values of a leaf of 8^3 samples moved outwards by `by`, clamped to the background; all lengths in world units.
-    /// `origin` is the first sample. `out` is set only for [`LeafContent::Values`]; `scratch` keeps the parts of the
-    /// last leaf.
+    /// Values of a leaf of 8^3 samples moved outwards by `by`, at most the background; [`LeafBits::from_values`] clamps
+    /// them below. All lengths are in world units, and `origin` is the first sample. `out` is set only for
+    /// [`LeafContent::Values`]; `scratch` keeps the parts of the last leaf.
     fn leaf(
         &self,
         origin: Vec3,
@@ -427,7 +428,7 @@ impl Field for Beams {
     }
 
     fn fill_leaves(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
-        // A band narrower than a voxel's diagonal leaves signs of neighbours open: samples must be evaluated one by
+        // Beyond a band narrower than 1.75 voxels a neighbour may have another sign: samples must be evaluated one by
         // one.
         let (by, background) = (f64::from(leaves.by), f64::from(leaves.background));
         if !is_settled(background, leaves.step) {

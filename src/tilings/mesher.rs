@@ -183,7 +183,7 @@ impl<'a> Mesher<'a> {
         region: Region,
         progress: &dyn Progress,
     ) -> Result<Patch, MesherError> {
-        // Positions are in single precision, whose rounding follows from the greatest coordinate.
+        // In single precision the rounding of positions follows from the greatest coordinate.
         let max_of_leaves = || {
             let ends = |c: i32, a: usize| {
                 let at = |c: i32| (f64::from(c) * self.voxel_size + self.origin[a]).abs();

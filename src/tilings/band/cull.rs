@@ -87,8 +87,8 @@ impl<'a> Culler<'a> {
     /// voxels further.
     ///
     /// # Errors
-    /// [`BandError::HalfWidth`] below 1 voxel, [`BandError::Extent`] for an empty extent or one beyond the range of
-    /// indices.
+    /// [`BandError::HalfWidth`] if it is below 1 voxel or not finite, [`BandError::Extent`] for an empty extent or one
+    /// beyond the range of indices.
     pub fn new(band: &Band<'a>, region: Region) -> Result<Self, BandError> {
         let Band {
             field,
@@ -190,8 +190,8 @@ impl<'a> Culler<'a> {
         self.side_of(self.field.leaf_bound(&parts, self.background))
     }
 
-    /// Halves a cube of a known side down to cubes of `smallest` voxels that may be active; visits them in ascending
-    /// Morton order. Results are added to `cubes`.
+    /// Halves a cube whose bound gave `side` down to cubes of `smallest` voxels that may be active; visits them in
+    /// ascending Morton order. These, and the cubes inside of at most a block, are added to `cubes`.
     fn halve(
         &self,
         origin: Coord,
@@ -218,7 +218,7 @@ impl<'a> Culler<'a> {
             }
             _ => {}
         }
-        // Tests of single leaves are left out where they seldom decide anything.
+        // The test of eight leaves at once is left out where it seldom decides one; each is still tested alone.
         let half = edge / 2;
         let are_leaves = half == LEAF;
         let is_tested = !are_leaves || cubes.batch_test.should_run();
@@ -284,7 +284,7 @@ impl<'a> Culler<'a> {
         self.meets(origin, LEAF) && self.meets(last, LEAF)
     }
 
-    /// Blocks that may hold active voxels, and those that lie inside. Blocks ascend; the cubes inside are blocks too.
+    /// Blocks that may hold active voxels, ascending, and those that lie inside.
     pub fn blocks(&self) -> CubeClassification {
         let size = (0..3)
             .map(|a| self.range[1][a] - self.range[0][a] + 1)
@@ -294,7 +294,8 @@ impl<'a> Culler<'a> {
         if (0..3).any(|a| self.range[0][a] > self.range[1][a]) {
             return cubes;
         }
-        // The smallest power of two that covers the range; eight such cubes hold it, wherever it begins.
+        // The smallest power of two from a block on that covers the range; eight such cubes hold it, wherever it
+        // begins.
         let mut edge = BLOCK;
         while edge < size {
             edge *= 2;

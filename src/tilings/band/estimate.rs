@@ -1,8 +1,8 @@
 //! Prediction of a band's size from culling and a sample of its leaves.
 //!
-//! The numbers of blocks and leaves are exact, as culling finds them; what leaves hold is extrapolated from those that
-//! are drawn. One seed gives one estimate, at any number of threads. Positions of active voxels are drawn in the same
-//! way, for tests of a field.
+//! The numbers of blocks and of leaves to evaluate are exact, as culling finds them; what leaves hold is extrapolated
+//! from those that are drawn. One seed gives one estimate, but for the time, at any number of threads. Positions of
+//! voxels within the band are drawn in the same way, for tests of a field.
 
 use super::activate::Neighbourhood;
 use super::cull::Culler;
@@ -128,8 +128,8 @@ const MAX_DRAWN_BLOCKS: usize = 64;
 const DRAWN_VOXELS_PER_LEAF: usize = 4;
 
 impl Band<'_> {
-    /// Positions of at most `count` active voxels, drawn from blocks all over the band; deterministic. Fewer come back
-    /// if fewer leaves have active voxels.
+    /// Positions of at most `count` voxels within the band, drawn from blocks all over it; deterministic. Fewer come
+    /// back if fewer leaves have such voxels.
     ///
     /// # Errors
     /// As [`Band::evaluate`].

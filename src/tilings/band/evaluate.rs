@@ -1,8 +1,8 @@
 //! Evaluation of a band, block by block.
 //!
-//! A block of 16^3 leaves is culled, then evaluated in slabs of whole x layers. The mask of a leaf needs the signs of
-//! its neighbours, so that a slab is complete only once the next one is evaluated; layers that lie in other blocks are
-//! sampled again, so that no block waits for another. Results depend neither on threads nor on the order of blocks.
+//! A block of 16^3 leaves is culled, then evaluated in slabs of whole x layers. A slab with a leaf whose mask needs the
+//! signs of its neighbours waits for the next one; layers that lie in other blocks are sampled again, so that no block
+//! waits for another. Results depend neither on threads nor on the order of blocks.
 
 use super::activate::{Neighbourhood, SPAN};
 use super::buffers::{self, Signs};
@@ -156,8 +156,8 @@ pub(super) fn leaf_values(
 }
 
 /// Evaluates at most [`BATCH_LEAVES`] leaves, sorted by origin, into `values` and one entry of `bits` per leaf; returns
-/// the number of samples evaluated. If the field fills leaves at once, values are consecutive for the leaves that are
-/// not out of the band; else every leaf has its own. Values are clamped to the band.
+/// the number of samples evaluated. Values are clamped to the band, and consecutive for the leaves that are not out of
+/// it: evaluated leaf by leaf, none counts as out.
 ///
 /// # Errors
 /// [`BandError::NotFinite`] with the first such voxel.
@@ -308,8 +308,8 @@ impl<'a> Block<'a> {
                     states[n] = if bits.is_out() {
                         LeafState::Inactive
                     } else if bits.settled || bits.within == [u64::MAX; 8] {
-                        // A settled leaf has no voxel outside the band next to a change of sign; a full mask leaves nothing
-                        // to activate.
+                        // Settled: each sample beyond the band is proved to have the sign of all its neighbours. A full
+                        // mask leaves nothing to activate.
                         LeafState::Complete
                     } else {
                         LeafState::Pending

@@ -36,7 +36,7 @@ pub(super) fn flood(
 pub(super) fn flood_leaf(first: bool, known: &[u64; 8], inside: &[u64; 8]) -> [u64; 8] {
     let mut all = [0; 8];
     let mut along_x = first;
-    // The first voxel of a row or slice starts with the state before it; known voxels set the state from there on.
+    // A row or slice begins with the state of the first voxel of the one before; known voxels set it from there on.
     for x in 0..8 {
         if known[x] & 1 == 1 {
             along_x = inside[x] & 1 == 1;

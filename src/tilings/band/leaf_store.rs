@@ -220,7 +220,8 @@ impl LeafStore {
             let entry = groups.entry(node).or_default();
             entry.push((slot(*origin, node), block.ends));
         }
-        // Blocks without leaves have the state of the end of the block before them, in the order of slots.
+        // By the rule of `flood`, blocks without leaves have the end state of one before them, or the first one's
+        // start.
         let node_of = |(origin, children): (Coord, Vec<(usize, [bool; 2])>)| {
             let first = children[0].1[0];
             let mut node = UpperNode {

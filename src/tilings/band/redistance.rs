@@ -198,9 +198,9 @@ impl SurfacePoints {
         (by.abs() as f32 + self.background) / self.voxel_size
     }
 
-    /// The distance, voxels, of a position to the surface within reach, and the unit vector away from the surface;
-    /// `None` beyond the reach. `place` is in voxels relative to a leaf's origin, 0 to 8 on each axis. The distance is
-    /// unsigned.
+    /// The unsigned distance, voxels, of a position to the surface, and the unit vector away from the surface; `None`
+    /// if no leaf within reach has a point. `place` is in voxels relative to a leaf's origin, 0 to 8 on each axis. The
+    /// distance may exceed the reach.
     pub(super) fn distance(&self, origin: Coord, place: Vec3) -> Option<(f64, Vec3)> {
         let mut best: Option<(f64, &Point, Vec3)> = None;
         for step in search::around(self.reach(0.0) + 1.0) {

@@ -459,7 +459,7 @@ impl ElementMapper<'_> {
                 check([0.0, t, 1.0 - t]);
                 check([1.0 - t, 0.0, t]);
             }
-            // The deviation falls with the square of the number of parts.
+            // The deviation falls with the square of the number of parts along a side.
             count = (max_deviation / self.chord)
                 .sqrt()
                 .ceil()

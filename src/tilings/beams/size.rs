@@ -35,7 +35,7 @@ pub enum Width<'a, E> {
 pub struct RadiusLimits {
     /// Bounds the error of the radii between the ends of a part.
     pub tolerance: f64,
-    /// The smallest radius, unless half the radius without weights is less.
+    /// The smallest radius of a part with weights, unless half its radius without them is less.
     pub min_radius: f64,
 }
 
@@ -68,7 +68,7 @@ impl Network {
         weights: Option<&WeightsAt>,
         limits: RadiusLimits,
     ) -> Result<(Vec<Beam>, Vec<Plate>), E> {
-        // Constant and relative widths are linear along each part: the ends suffice.
+        // Without weights, constant and relative widths are linear along each part: the ends suffice.
         let varies = weights.is_some() || matches!(width, Width::Varying(_));
         let intervals = if varies {
             Intervals {
@@ -223,7 +223,7 @@ fn triangle_points(count: usize) -> impl Iterator<Item = [f64; 2]> {
 
 impl Samples {
     /// Adds the beams of a strut with `count + 1` samples from `first` on: one, or those of its halves where the radius
-    /// is not linear within the tolerance.
+    /// is not linear within the tolerance. Beams with radius 0 at both ends are left out.
     fn beams(&self, first: usize, count: usize, tolerance: f64, out: &mut Vec<Beam>) {
         let (from, to) = (first, first + count);
         let [a, b] = [self.radii[from], self.radii[to]];

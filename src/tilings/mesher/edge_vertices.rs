@@ -106,7 +106,8 @@ impl<'a> CrossedEdges<'a> {
     /// values below `threshold`, world units, are inside.
     ///
     /// # Errors
-    /// [`MesherError`]: leaves out of order, a surface that is not closed in the region, or cancellation.
+    /// [`MesherError`]: leaves out of order, a surface that is not closed in the region, too many vertices,
+    /// cancellation.
     pub fn new(
         leaves: &'a [LeafValues<'a>],
         region: Region,

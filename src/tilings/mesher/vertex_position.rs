@@ -181,8 +181,8 @@ impl Mesher<'_> {
     }
 
     /// The zero of a field along an edge whose ends differ in sign, as a share of the edge. Illinois method: false
-    /// position that halves the value of a retained end. `start` is the first guess. It ends at a share or a value
-    /// within 1e-9 of an edge, or after [`MAX_STEPS`] evaluations with the last point.
+    /// position that halves the value of a retained end. `start` is the first guess. It ends at a value within 1e-9
+    /// voxels of 0 or not finite, with both ends within 1e-9 of the edge, or after [`MAX_STEPS`] evaluations.
     fn exact_zero(&self, field: &WorldField, crossing: &Crossing, start: f64) -> f64 {
         let tolerance = 1e-9;
         let [a, b] = crossing.ends.map(f64::from);

@@ -91,7 +91,7 @@ impl NearestToCentre {
         let (mut row, mut places) = ([0.0; 8], [0.0; 8]);
         l.store(least, &mut row);
         l.store(place, &mut places);
-        // The least of the lanes, then the points that fill no lane.
+        // The least of the lanes, then the points beyond the last whole row.
         let (mut least, mut place) = (f32::INFINITY, 0);
         for n in 0..8 {
             if row[n] < least {

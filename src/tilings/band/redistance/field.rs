@@ -145,8 +145,8 @@ impl<'a> ClosestPointField<'a> {
     }
 
     /// Samples the source in the block whose first voxel is `origin`. `None` where a value is not finite, or where the
-    /// block lies beyond the range of voxel indices; distances of all points that need the block are then missing. A
-    /// block that is not requested has no leaves.
+    /// block lies beyond the range of voxel indices; distances of all points that need the block are then NaN. A block
+    /// that is not requested has no leaves.
     fn sample(&self, origin: Coord) -> Option<Samples> {
         let region = Region::cube(origin, BLOCK_EDGE);
         let mut samples = Samples::default();

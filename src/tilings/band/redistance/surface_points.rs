@@ -1,8 +1,8 @@
 //! Points of the surface on the edges of the voxel lattice.
 //!
-//! A crossing of an edge with the surface is found from four values along the edge; its normal and second derivatives
-//! are central differences at both ends. Lengths are in voxels and positions count from the leaf's least voxel. Points
-//! at sharp edges get their planes later (`wedge`).
+//! A crossing of an edge with the surface is found from four values along the edge, or from its two ends at clipped
+//! values and kinks; its normal and second derivatives are central differences at both ends. Lengths are in voxels and
+//! positions count from the leaf's least voxel. Points at sharp edges get their planes later (`wedge`).
 // Inlined so that the code is compiled for its caller's target features.
 #![allow(clippy::inline_always)]
 
@@ -44,8 +44,8 @@ pub(super) struct Point {
 }
 
 impl Point {
-    /// The unsigned distance, voxels, of the position at displacement `away` from this nearest point, and the unit
-    /// vector away from the surface; by the same formula as for the voxels of a leaf. `away` is in voxels.
+    /// The unsigned distance of the position at displacement `away` from this nearest point, voxels, and the unit
+    /// vector away from the surface: by the formula for the voxels of a leaf, but without their signs.
     pub fn distance(&self, away: Vec3) -> (f64, Vec3) {
         let normal = Vec3::from(self.normal.map(f64::from));
         let [xx, yy, zz, xy, yz, zx] = self.hessian.map(f64::from);
@@ -228,7 +228,7 @@ impl Stencils {
         let mut gradient = [slope(0), slope(1), slope(2)];
         gradient[axis] = along;
         let mut size = length(gradient);
-        // Without a slope, as in a wall thinner than a voxel, the normal is the edge's direction.
+        // With a slope below 0.1, as in a wall thinner than a voxel, the normal is the edge's direction.
         if size < 0.1 {
             gradient = [0.0; 3];
             gradient[axis] = along.signum();

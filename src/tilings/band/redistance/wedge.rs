@@ -328,7 +328,8 @@ fn bend_squared(v: &[f32], at: usize) -> f32 {
 }
 
 /// The planes that meet near the point `p`, relative to the leaf's least voxel; `None` where they are not two or three,
-/// bend, or make no clear edge. The first two normals are the most different ones, the third differs most from both.
+/// bend, make no clear edge, or are far from `p`. The first normal differs most from that of some point nearby, the
+/// second most from the first, the third most from both.
 fn wedge(p: Vector, samples: &[Sample]) -> Option<Wedge> {
     let is_near = |s: &&Sample| (0..3).all(|a| (s.at[a] - p[a]).abs() <= WINDOW);
     let near: Vec<Sample> = samples.iter().filter(is_near).copied().collect();
