@@ -389,7 +389,8 @@ enum Dimension {
     Solid,
 }
 
-/// Checks that nodes are finite and elements refer to them, and that all elements have `dimension`.
+/// Checks that there are elements, not too many, of `dimension` and with the nodes of their kinds, and that coordinates
+/// are in range.
 fn check(
     nodes: &[Vec3],
     elements: &Connectivity,

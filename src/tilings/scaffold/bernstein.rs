@@ -257,8 +257,9 @@ impl<T: Coefficient> Net<T> {
         }
     }
 
-    /// The coefficients of the same polynomial over the simplex whose vertex `gone` has moved to the middle of its edge
-    /// to `kept`. `gone` and `kept` are vertices by number; the result replaces `coefficients`.
+    /// The coefficients of the same polynomial over the simplex, or the prism by its triangle, whose vertex `gone` has
+    /// moved to the middle of its edge to `kept`. `gone` and `kept` are vertices by number; the result replaces
+    /// `coefficients`.
     fn move_to_midpoint(&self, gone: usize, kept: usize, coefficients: &mut Vec<T>) {
         let n = self.degree;
         coefficients.clear();
@@ -344,8 +345,8 @@ impl Part {
         }
     }
 
-    /// Both halves of a part cut across `way`, an axis of the cube or an edge of the simplex, in the order of
-    /// [`Net::split`].
+    /// Both halves of a part cut across `way`, in the order of [`Net::split`]: an axis of the cube, an edge of the
+    /// simplex or of the prism's triangle, or 3 for the prism's axis.
     pub fn split(&self, way: usize) -> [Self; 2] {
         let mut halves = [*self; 2];
         match self {

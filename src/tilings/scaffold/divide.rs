@@ -116,8 +116,8 @@ impl Scaffold {
         self.divided(Pattern::Columns)
     }
 
-    /// Divides every element by a pattern. Nodes come in the order of the first part that has them. An error names the
-    /// first element that the pattern does not support; nothing is made then.
+    /// Divides every element by a pattern. Nodes come in the order of the first part that has them. Too many parts are
+    /// an error, as is an element that the pattern does not support: the first is named, and nothing is made.
     fn divided(&self, pattern: Pattern) -> Result<Divided, ScaffoldError> {
         let mut tables: HashMap<Kind, Vec<PartNodes>> = HashMap::new();
         let mut total = 0usize;

@@ -86,8 +86,8 @@ pub(super) fn planar_controls(kind: Kind, nodes: &[Vec3]) -> Net<Vec3> {
     net
 }
 
-/// The maximum of polynomials and of `known`, at most `tolerance` too high. `known` is a value that is reached in any
-/// case.
+/// The maximum of polynomials and of `known`, at most `tolerance` too high unless [`MAX_SPLITS`] are spent. `known` is
+/// a value that is reached in any case.
 fn greatest(nets: impl Iterator<Item = Net<f64>>, known: f64, tolerance: f64) -> f64 {
     let mut reached = known;
     // Quadratic simplices are solved in closed form; all others are open parts.

@@ -237,7 +237,7 @@ impl Body<'_> {
     /// Adds nodes where the body leaves the surface; returns their numbers. `faces` are the outer faces, each with its
     /// tet.
     fn added(&mut self, creases: &Creases, faces: &[([u32; 3], u32)]) -> Vec<u32> {
-        // Creases that are no edges of the body are halved first.
+        // Creases that are no edges of the body are halved first, unless they are too short.
         let mut new = Vec::new();
         for part in 0..self.nodes.parts.len() {
             let Part {

@@ -351,8 +351,9 @@ impl Kind {
     }
 
     /// Nodal values in lattice order; a serendipity element's missing points are filled in as its shape functions have
-    /// them: half the mid nodes less a quarter of the corners on a face, a quarter of either in the centre. `add` adds
-    /// a value times a weight. `nodes` are in VTK order; `zero` is the value of an empty sum.
+    /// them: half the mid nodes less a quarter of the corners on a face, a quarter of the mid nodes less a quarter of
+    /// the corners in the centre. `add` adds a value times a weight. `nodes` are in VTK order; `zero` is the value of
+    /// an empty sum.
     pub(super) fn on_lattice<T: Copy>(
         self,
         nodes: &[T],

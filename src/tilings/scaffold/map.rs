@@ -96,8 +96,8 @@ impl Geometry {
 }
 
 impl Map {
-    /// The simplest map through the control points `net`, whose box is `bounds`: an affine one where it is that
-    /// to rounding.
+    /// The simplest map through the control points `net`, whose box is `bounds`: an affine one where it is that to
+    /// rounding, else a curved one; that of a pyramid is twisted or collapsed.
     fn new(kind: Kind, nodes: &[Vec3], net: Net<Vec3>, bounds: &Aabb) -> Self {
         let affine = Affine::through(kind, &net);
         let tolerance = AFFINE_TOLERANCE * bounds.half_diagonal();
@@ -339,10 +339,11 @@ pub(super) fn bend(kind: Kind, net: &Net<Vec3>) -> [Vec3; 6] {
             let twist = |n: usize| (c[n + a + b] - c[n + a] - c[n + b] + c[n]).abs();
             twist(0).sup(&twist(across))
         }),
-        // With parameters r = T xi + constant, d2F / dxi_j dxi_k = sum over a, b of T_aj T_bk d2F / dr_a dr_b.
+        // By the parameters r, which in a cube are the cell's coordinates up to a constant.
         Family::Tensor => PAIRS.map(|[j, k]| supremum(second(net, j, k))),
         Family::Prism => {
-            // The nets of the derivatives differ in degree: their bounds are added.
+            // With r = T xi + constant, d2F / dxi_j dxi_k = sum over a, b of T_aj T_bk d2F / dr_a dr_b. The nets of the
+            // derivatives differ in degree: their bounds are added.
             let t = kind.parameters_by_cell();
             let by_r: [[Vec3; 3]; 3] =
                 [0, 1, 2].map(|a| [0, 1, 2].map(|b| supremum(second(net, a, b))));
@@ -377,7 +378,7 @@ pub(super) fn bend(kind: Kind, net: &Net<Vec3>) -> [Vec3; 6] {
 }
 
 /// Bernstein coefficients of the second derivative by parameters j and k. Its degree is lower along these axes, in a
-/// simplex in all. `net` are control points over the unit cube of the parameters.
+/// simplex in all. `net` are control points over the parameters' reference cell.
 fn second(net: &Net<Vec3>, j: usize, k: usize) -> impl Iterator<Item = Vec3> + '_ {
     let n = net.degree;
     let (family, c) = (net.family, &net.coefficients);

@@ -206,8 +206,8 @@ impl Twisted {
         (least.max(by_volume).max(0.0), greatest)
     }
 
-    /// The preimage of a point, near the element; else the residual. Without `start` the search begins at the affine
-    /// preimage.
+    /// The preimage of a point, near the element; else the residual. Without `start` the search begins by [`start_of`];
+    /// where it fails, it begins again at the centroid.
     pub fn inverse(&self, x: Vec3, start: Option<CellPoint<3>>) -> Result<CellPoint<3>, f64> {
         let centroid = Element::Pyramid.centroid();
         let start = start.unwrap_or_else(|| start_of(&self.affine, x));

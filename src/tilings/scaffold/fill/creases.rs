@@ -175,8 +175,8 @@ pub(super) fn normal([a, b, c]: [Vec3; 3]) -> Vec3 {
     }
 }
 
-/// Edges with a crease, as ascending numbers of vertices, and the places of all vertices. Corners of equal coordinates
-/// count as one vertex.
+/// Edges with a crease or without exactly two triangles, as ascending numbers of vertices, and the places of all
+/// vertices. Corners of equal coordinates count as one vertex.
 fn crease_edges(solid: &MeshSolid) -> (Vec<[u32; 2]>, Vec<Vec3>) {
     let corners: Vec<Vec3> = solid.surface().flat_map(|(c, _)| c).collect();
     let triangles = (0..corners.len() as u32 / 3)

@@ -140,7 +140,7 @@ impl Delaunay {
     }
 
     /// Replaces the tets of a cavity by those of its faces and the new point. `number` is that of the point; `faces`
-    /// are sides of tets of the cavity with a tet outside it beyond.
+    /// are sides of tets of the cavity with no tet of the cavity beyond.
     fn replace(&mut self, number: u32, cavity: &[u32], faces: &[(u32, usize)]) {
         // Before numbers are used again: the side of the tet beyond each face that faces the cavity.
         let mut made = Vec::with_capacity(faces.len());

@@ -200,8 +200,8 @@ impl<'a> TetMesh<'a> {
         corners != REMOVED_TET && self.quality(corners) < GOOD_QUALITY
     }
 
-    /// Tries to exchange a tet's edges and faces, and to merge its nodes; whether one was. The first change that helps
-    /// is made; the tet may be gone then.
+    /// Tries to exchange a tet's edges and faces, to merge its nodes, and to remove it at the surface; whether it did.
+    /// The first change that helps is made; the tet may be gone then.
     fn exchange(&mut self, t: u32) -> bool {
         let [a, b, c, d] = self.tets[t as usize];
         for (p, q) in [(a, b), (a, c), (a, d), (b, c), (b, d), (c, d)] {
@@ -319,7 +319,7 @@ impl<'a> TetMesh<'a> {
     }
 
     /// The tets over the triangulation of a ring, joined to `a` and `b`, whose worst quality is best, if it exceeds
-    /// `limit`. `ring` is counter-clockwise seen from `b`; `None` if no triangulation exceeds the limit.
+    /// `limit` and 0; else `None`. `ring` is counter-clockwise seen from `b`.
     fn triangulated(&self, ring: &[u32], [a, b]: [u32; 2], limit: f64) -> Option<Vec<[u32; 4]>> {
         let n = ring.len();
         let pair = |i: usize, k: usize, j: usize| {

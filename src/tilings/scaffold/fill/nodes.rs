@@ -242,7 +242,7 @@ impl Nodes {
                 line.lengths[i - 1] + (line.lengths[i] - line.lengths[i - 1]) * share
             };
             let end = |p: Vec3| corner_at.get(&[p.x, p.y, p.z].map(f64::to_bits)).copied();
-            // A closed line without corner begins at any of its points.
+            // A closed line without corner begins with a node at its first point.
             let first = match end(line.points[0]) {
                 Some(corner) => corner,
                 None => self.push(line.points[0], Site::Crease(number)),
@@ -266,7 +266,8 @@ impl Nodes {
         }
     }
 
-    /// Halves edges along creases whose ball holds another crease's node. Edges of less than twice the least size stay.
+    /// Halves edges along creases whose ball holds another node, in at most [`LEVELS`] passes. Edges of at most twice
+    /// the least size stay.
     fn separate_creases(&mut self, creases: &Creases, cell: f64) {
         let least = cell / (1 << (LEVELS - 1)) as f64;
         for _ in 0..LEVELS {
@@ -414,7 +415,8 @@ impl Nodes {
 
 /// A place for a node on a face.
 struct FacePlace {
-    /// Distance from the nearest crease, or from the first place: nodes are added in this order.
+    /// Distance from the nearest crease, or from the box's least corner if there is none: nodes are added in this
+    /// order.
     layer: f64,
     at: Vec3,
     /// Unit normal of the face.
@@ -441,8 +443,8 @@ struct InnerPlace {
     size: f64,
 }
 
-/// Adds the points of a cube's body-centred lattice that lie inside, deep enough for their size; where sizes may be
-/// less than two thirds of the cube, those of its eighths too.
+/// Adds the points of a cube's body-centred lattice that lie deep enough inside where sizes are about its edge; where
+/// sizes may be less than two thirds of the cube, those of its eighths too.
 fn lattice_points(
     solid: &MeshSolid,
     sizes: &Sizes,

@@ -289,7 +289,6 @@ impl Collapsed {
         let mut found: CellBox<3> = CellBox::of([]);
         // No preimage is smaller than the box over the greatest stretch: half of that is fine enough.
         let fine = (0.5 * world.size().max() / longest).max(1e-9);
-        // Parts smaller in the cell frame than half the world box divided by the stretch need no further split.
         let cube = (Vec3::zeros(), Vec3::repeat(1.0));
         let mut open = vec![(self.net.clone(), cube, cube, 0)];
         while let Some((net, part, domain, depth)) = open.pop() {
