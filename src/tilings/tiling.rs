@@ -256,7 +256,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
                 boundary: MeshSolid::new(outer.mesh),
             });
         }
-        // A box of equal hexes along the axes has a faster kernel, if the cell is a short series.
+        // A box of equal hexes along the axes has a faster kernel, if the cell is a short series and the band narrow.
         let hex_grid = filling
             .products()
             .and_then(|products| axis_aligned::HexGrid::new(scaffold, products, &patches, options));

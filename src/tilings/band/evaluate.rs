@@ -308,8 +308,8 @@ impl<'a> Block<'a> {
                     states[n] = if bits.is_out() {
                         LeafState::Inactive
                     } else if bits.settled || bits.within == [u64::MAX; 8] {
-                        // Settled: each sample beyond the band is proved to have the sign of all its neighbours. A full
-                        // mask leaves nothing to activate.
+                        // Settled: samples beyond the band have their neighbours' sign; out: settled, none within.
+                        // A full mask leaves nothing to activate.
                         LeafState::Complete
                     } else {
                         LeafState::Pending
@@ -319,6 +319,7 @@ impl<'a> Block<'a> {
                         batch.masks.push(bits.within);
                     }
                 }
+                // Values are in step with origins: a leaf that is out has left no gap among them.
                 batch.values.truncate(batch.len());
                 Ok(samples)
             })

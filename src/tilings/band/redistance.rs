@@ -8,7 +8,7 @@
 //!
 //! `d = h + k |t|^2 / (2 (1 + h k))`,
 //!
-//! which is exact to second order in |t| and at most |x - q|; for |t| beyond a voxel it is |x - q|. Points
+//! which is exact to second order in |t| and at most |x - q|; for |t| from 1 voxel to 2 it blends to |x - q|. Points
 //! at sharp edges and corners use the distance to the planes that meet there, in closed form; corners are
 //! points too. No distance is shorter than |x - q| by more than a limit, which keeps offset bands free of
 //! gaps. Signs are those of the level set. The error does not grow with the distance. A leaf depends only on the points

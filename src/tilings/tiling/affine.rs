@@ -1,12 +1,12 @@
 //! Rule Q (module `rule`) on lattices of samples among affine elements, whose maps are inverted without a search.
 //!
-//! Samples are grouped in blocks of 2^3. The field F at a block's centre decides most blocks. Only distances between two
-//! limits d- <= 0 <= d+ are wanted in a part of 4^3 samples: -w and w with the half width w of the band, or less where
-//! other fields decide. With L the slope bound and R the block's half diagonal, F >= L (R + d+) at the centre implies
-//! F >= L d+ and so d >= d+ at all samples, whatever elements they are in; F <= -L (R - d-) is the same below. F is
-//! continuous except where a scaffold overlaps itself, where the centre is in several elements. The other blocks go through
-//! rule Q, eight at a time. Samples outside the scaffold are collected and evaluated at the closest points of the boundary,
-//! 64 at a time.
+//! Samples are grouped in blocks of 2^3. The field F at a block's centre decides most blocks. Only distances between
+//! two limits d- <= 0 <= d+ are wanted in a part of 4^3 samples: -w and w with the half width w of the band, or less
+//! where other fields decide. With L the slope bound and R the block's half diagonal, F >= L (R + d+) at the centre
+//! implies F >= L d+ and so d >= d+ at all samples, whatever elements they are in; F <= -L (R - d-) is the same below.
+//! F is continuous except where a scaffold overlaps itself, where the centre is in several elements; near the boundary
+//! only blocks within one element are decided so. The other blocks go through rule Q, eight at a time. Samples outside
+//! the scaffold are collected and evaluated at the closest points of the boundary, 64 at a time.
 //!
 //! A batch holds 64 points, as rows of eight by coordinate; masks have a bit for each point. Values are rounded to single
 //! precision, which is all that differs from single points. The laws `values_and_signs_in_bulk_are_those_of_single_points`

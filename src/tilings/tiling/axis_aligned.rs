@@ -68,7 +68,8 @@ impl HexGrid {
         let wave_number = size.map(|s| std::f64::consts::TAU / s);
         let max_step = 2.0 * options.half_width;
         let max_angle = wave_number.max() * max_step;
-        // Steps of large angles leave the accuracy of `Products::advanced`; without L the scale has no lower bound.
+        // The kernel has rule Q only. Steps of large angles leave the accuracy of `Products::advanced`; without L the
+        // scale has no lower bound.
         if options.distance != Distance::Fast
             || max_angle > MAX_STEP_ANGLE
             || !slope_sup.is_finite()

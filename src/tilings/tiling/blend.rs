@@ -329,7 +329,7 @@ impl<'a, C: CellField> Blend<'a, C> {
 
 impl<C: CellField> Filling for Blend<'_, C> {
     fn check(&self, scaffold: &Scaffold) -> Result<(), TilingError> {
-        // Each element needs a cell of its shape from each member.
+        // Each element needs a cell of its shape from each member; pyramids have no smoothstep.
         for number in 0..scaffold.len() {
             let shape = scaffold.element(number).shape();
             if shape == Element::Pyramid

@@ -76,7 +76,7 @@ const EDGE_POINTS: usize = 5;
 struct Jump {
     /// Of the value.
     size: f64,
-    /// The point, world coordinates.
+    /// The point, world coordinates; for an infinite jump the middle of the first element's box.
     at: Vec3,
     /// Distance of the point from the other element's face, world units.
     gap: f64,
@@ -193,7 +193,7 @@ fn percentiles(values: &mut [f64]) -> (f64, f64) {
 }
 
 /// Measures one shared face; `f` and `g` are its two sides. `None` if their corners do not correspond. A point without
-/// preimage in one of the elements counts as an infinite jump.
+/// preimage or with a singular Jacobian in one of the elements counts as an infinite jump.
 fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) -> Option<Face> {
     let (own_vertices, neighbour_vertices) = joined_vertices(scaffold, f, g)?;
     let elements = [f, g].map(|f| f.element as usize);

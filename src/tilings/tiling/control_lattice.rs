@@ -38,8 +38,8 @@ fn spline(t: f64) -> ([f64; 4], [f64; 4]) {
 }
 
 impl ControlLattice {
-    /// The lattice around a scaffold. It reaches one interval beyond the scaffold on each side. Its spacing is the mean
-    /// edge of the elements, greater where that gives too many points.
+    /// The lattice around a scaffold. It reaches at least one interval beyond the scaffold on each side. Its spacing is
+    /// the mean edge of the elements or a thousandth of the size, greater where that gives too many points.
     pub fn around(scaffold: &Scaffold) -> Self {
         let edge = |e: crate::scaffold::ElementMap| {
             let shape = e.shape();

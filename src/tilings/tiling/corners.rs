@@ -70,7 +70,7 @@ impl CornerFunctions {
                 c.count = 4;
             }
             Element::Wedge | Element::Tri => {
-                // Barycentrics of the triangle, then linear along the prism's axis.
+                // Functions of the triangle's corners times those along the prism's axis, linear or smooth.
                 let (x, y) = (xi.x + 0.5, xi.y + TRIANGLE_HEIGHT / 3.0);
                 let l2 = y / TRIANGLE_HEIGHT;
                 let l1 = x - l2 / 2.0;

@@ -113,7 +113,7 @@ impl<'a> Distribution<'a> {
         }
         let shape = e.shape();
         let at = |v: usize| self.values[e.nodes()[v] as usize * self.count + quantity];
-        // Corner values bound all interpolations; linear ones are sharper by value and slope at the middle.
+        // Corner values bound all interpolations; the middle's value and the steepest slope bound linear ones closer.
         let mut whole = Interval::new(f64::INFINITY, f64::NEG_INFINITY);
         for v in 0..e.kind().corner_count() {
             whole = whole.hull(Interval::new(at(v), at(v)));

@@ -245,7 +245,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             let is_deep = depth.hi <= deep_distance;
             part_triangles.clear();
             if let Some(all) = boundary_triangles.filter(|_| !is_deep) {
-                // Each sample is compared with all of them.
+                // A short list is compared with each sample triangle by triangle.
                 let boundary = &self.components[component].boundary;
                 boundary.collect_among(all, &region, self.boundary_reach(), part_triangles);
             }

@@ -136,8 +136,8 @@ impl FaceJoins {
     }
 
     /// The greatest jump of a filling's values at any join, divided by the range (greatest minus least) of the values
-    /// there; 0 where no faces are shared. `value` is the filling at a point of the cell frame of an element of a
-    /// shape.
+    /// on the first sides; 0 where no faces are shared. `value` is the filling at a point of the cell frame of an
+    /// element of a shape.
     pub fn relative_jump(&self, value: &dyn Fn(Element, CellPoint<3>) -> f64) -> f64 {
         let (mut jump, mut low, mut high) = (0f64, f64::INFINITY, f64::NEG_INFINITY);
         // Points off the edges and off the mirror lines of the face: an offset of 0.37 of a step, not of a half.
@@ -168,7 +168,7 @@ impl FaceJoins {
         if jump == 0.0 {
             return 0.0;
         }
-        // Where all values are equal there is no jump, and the function has returned.
+        // Where all values on the first sides are equal, a jump on the second counts as very large.
         jump / (high - low).max(f64::MIN_POSITIVE)
     }
 }
@@ -176,7 +176,7 @@ impl FaceJoins {
 /// Compares a filling's values on both sides of every join. `value` is the filling at a point of the cell frame of an
 /// element of a shape. `slope` is the root mean square of the filling's gradient per unit of reference length, so that
 /// a jump over `slope` is a length.
-/// |
+///
 /// # Errors
 /// [`TilingError::Discontinuity`] for the first join whose jump exceeds [`MAX_JUMP`] of that length.
 pub(super) fn check(

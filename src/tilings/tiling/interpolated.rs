@@ -70,7 +70,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let Ok(out) = <&mut [f32; VOLUME]>::try_from(out) else {
             return false;
         };
-        // Only whole leaves that are deeper inside the boundary than the band, where nothing is cut.
+        // Only whole leaves of rule Q that are deeper inside the boundary than the band, where nothing is cut.
         if lattice.counts != [EDGE; 3] || self.options.distance == Distance::Exact || depth.hi > -w
         {
             return false;

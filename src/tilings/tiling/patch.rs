@@ -35,7 +35,7 @@ pub(super) struct Patch {
     pub slope_sup: f64,
     /// Bound of |grad F| over the whole element.
     pub slope_sup_anywhere: f64,
-    /// gamma: root mean square of |grad F| on the surface.
+    /// gamma: root mean square of |grad F| on the surface, by the map at the reference origin alone.
     pub slope_rms: f64,
     /// Least stretch of the map: world length per reference length.
     least_stretch: f64,
@@ -97,11 +97,13 @@ impl Patch {
     pub fn new(scaffold: &Scaffold, filling: &impl Filling, number: usize, reach: f64) -> Self {
         let element = scaffold.element(number);
         let shape = element.shape();
-        // The affine map that agrees at the origin; curved elements start Newton's method with it.
+        // The affine map that agrees at the origin; curved elements start Newton's method with it. A singular Jacobian
+        // gives the zero matrix: the start is then the origin, and the planes exclude nothing.
         let (centre, jacobian) = element.map_and_jacobian(CellPoint(Vec3::zeros()));
         let matrix = jacobian.try_inverse().unwrap_or_else(Mat3::zeros);
         let centre = centre.0;
         let least_stretch = element.stretch().0.max(0.0);
+        // Slopes by world units are at most those by reference units over the least stretch.
         let per_world = |slope: f64| {
             if least_stretch > 0.0 {
                 slope / least_stretch
@@ -109,7 +111,6 @@ impl Patch {
                 f64::INFINITY
             }
         };
-        // Slopes by world units are at most those by reference units over the least stretch.
         let controls = element.control_points();
         let planes = BoundingPlanes::new(shape, &matrix, &controls, element.bounds());
         Self {
@@ -396,7 +397,7 @@ impl Patch {
             inverses,
             slopes,
         };
-        // Quadratic pyramids: the step by the affine estimate, then a correction of each point.
+        // Pyramids that are not affine: the step by the affine estimate, then a correction of each point.
         newton_distance::take_first_step(limits, None, again, &mut *first_steps);
         for (n, at) in at.iter_mut().enumerate() {
             let (first_step, lane) = (&mut first_steps[n / 4], n % 4);

@@ -69,8 +69,8 @@ impl TransitionLevels {
     }
 }
 
-/// The levels that interpolate the volumes of two normalised cells, from their values at the same points; zeros if
-/// there are no values. Values below 0 are solid.
+/// The levels that interpolate the volumes of two normalised cells, from their values at the same points; zeros if the
+/// lists differ in length or have fewer than two values. Values below 0 are solid.
 pub(super) fn transition_levels(a: &[f64], b: &[f64]) -> TransitionLevels {
     let mut levels = TransitionLevels::default();
     if a.len() != b.len() || a.len() < 2 {
@@ -91,7 +91,7 @@ pub(super) fn transition_levels(a: &[f64], b: &[f64]) -> TransitionLevels {
             .collect();
         mixed.sort_unstable_by(f64::total_cmp);
         let target = ends[0] * (1.0 - w) + ends[1] * w;
-        // The value between which and the one before the wanted number of samples lies below.
+        // Half way between the last of the wanted number of lowest values and the next one.
         let rank = (target as usize).clamp(1, mixed.len() - 1);
         *level = f64::midpoint(mixed[rank - 1], mixed[rank]);
     }

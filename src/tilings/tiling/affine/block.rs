@@ -53,7 +53,7 @@ pub(super) struct Block {
 /// Bounds that hold in a part of a lattice; lengths are in world units.
 #[derive(Clone, Copy)]
 pub(super) struct Part {
-    /// Whether the part is more than the half width of the band inside the boundary of the scaffold.
+    /// Whether the part is so far inside the boundary of the scaffold that the boundary has no effect.
     pub is_deep: bool,
     /// Greatest distance of a point of the part to the boundary.
     pub max_boundary_distance: f64,

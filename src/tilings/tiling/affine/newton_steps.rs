@@ -1,9 +1,9 @@
 //! Both Newton steps of rule Q in an affine element, eight points at a time (section 7.1 of mathematics.md).
 //!
-//! With J the element's map, the world gradient is g = J^-T grad F. A step is p = -F g / (|g|^2 + damping), at most
-//! as long as the limits allow; the second starts at the end of the first with F and g evaluated anew in the same
-//! element, whose field continues beyond its faces. The scale is s = |p1 + p2| / |F|, or at a zero
-//! |g| / (|g|^2 + damping). Points lie in rows of eight in double precision; F and gradients come in single precision.
+//! With J the element's map, the world gradient is g = J^-T grad F. A step is p = -F g / (|g|^2 + damping), at most as
+//! long as the limits allow; the second starts at the end of the first with F and g evaluated anew in the same element,
+//! whose field continues beyond its faces. The scale is s = |p1 + p2| / |F|, or at a zero |g| / (|g|^2 + damping),
+//! within its limits. Points lie in rows of eight in double precision; F and gradients come in single precision.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand. Closures
 // are not: no SIMD arithmetic is written in them.
 #![allow(clippy::inline_always)]

@@ -208,7 +208,6 @@ impl<F: Filling> TiledSolid<'_, F> {
             // s of each point in this element, by two Newton steps.
             let (limits, map) = (self.limits(patch), patch.origin_map());
             newton.len = count;
-            // p1 = x + step with F and gradient there, then p2: s_e = |x - p2| / |F_e(x)|.
             newton.take_first_step(limits, &map);
             let slopes = &mut newton.slopes[..count];
             self.filling

@@ -104,7 +104,8 @@ pub(super) fn grid(scaffold: &Scaffold, any_numbering: bool) -> Option<(Aabb, Ve
             return None;
         }
         let (centre, jacobian) = element.map_and_jacobian(CellPoint(Vec3::zeros()));
-        // The element's size along each axis; it is parallel to the axes if each row of J has one entry.
+        // The element's size along each axis; it is parallel to the axes if each row of J has one entry, which is
+        // positive and on the diagonal unless any numbering is allowed.
         let own = Vec3::from_fn(|a, _| jacobian.row(a).abs().sum());
         let scale = own.max();
         let is_axis = |a: usize| {

@@ -1,8 +1,9 @@
 //! Samples in no element: the field is continued from the nearest points of the boundary, all of a box together.
 //!
-//! A sample x with the nearest boundary point q takes max(d(p), |x - q|), clamped to w, where p is q on the nearest element.
-//! The boundary's triangles deviate from curved faces by the chordal error. So within a voxel delta p is blended into the
-//! foot y of x on the element: p = q + (1 - |x - q| / delta) (y - q), and the value is continuous where the element ends.
+//! A sample x with the nearest boundary point q takes max(d(p), |x - q|), or d(p) without a cut, clamped to w, where p
+//! is q on the nearest element. The boundary's triangles deviate from curved faces by the chordal error. So within a
+//! voxel delta p is blended into the foot y of x on the element: p = q + (1 - |x - q| / delta) (y - q), and the value
+//! is continuous where the element ends.
 //! The law `values_in_bulk_are_those_of_single_points_in_graded_elements_of_every_kind` compares with single points.
 
 use super::{CurvedBatch, LatticeSample};

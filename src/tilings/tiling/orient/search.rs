@@ -382,8 +382,8 @@ impl<'a> Search<'a> {
         chosen.bad
     }
 
-    /// The turns that follow from that of a part's first element. They are incomplete if there are more bad faces than
-    /// `fewest`, which becomes the least number of them in any trial.
+    /// The turns that follow from that of a part's first element. The list of bad faces ends once it is longer than
+    /// `fewest`, which becomes the least number in any trial.
     fn trial(&self, part: &Part, places: &[u32], start: u8, fewest: &AtomicUsize) -> Trial {
         let mut turns = Vec::with_capacity(part.way.len() + 1);
         turns.push(start);
