@@ -13,7 +13,7 @@ cd "$(dirname "$0")/../.."
 work=$1 target=$2 python=$3 mode=${4:-quick}
 mkdir -p "$work"
 work=$(realpath "$work")
-max_wheel_bytes=21300000
+max_wheel_bytes=21400000
 profile=${DRUSE_WHEEL_PROFILE:-release}
 
 environment() { # NAME PACKAGE...: a virtual environment with these packages, made anew if the list changes

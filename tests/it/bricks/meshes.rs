@@ -118,7 +118,7 @@ fn assert_fewer_in_all_bricks([voxel, size]: [&str; 2], outputs: &str, shares: &
 #[test]
 fn fewer_triangles_are_the_same_in_all_bricks() {
     let outputs = "[[output]]\nmesh = \"few.ply\"\ndecimate = { share = 0.02, error = \"0.5vx\" }\nproject = true\ngrids = [\"element_id\"]\n[[output]]\nmesh = \"half.stl\"\ndecimate = 0.5\n";
-    let voxel_size = if crate::is_full() { "0.06" } else { "0.08" };
+    let voxel_size = if crate::is_full() { "0.06" } else { "0.1" };
     assert_fewer_in_all_bricks(
         [voxel_size, "[16, 8, 8]"],
         outputs,
@@ -165,7 +165,8 @@ fn faces_of_open_vdb_are_those_of_memory() {
     let directory = tempfile::tempdir().unwrap();
     let [whole, parts] = ["whole", "parts"].map(|n| directory.path().join(n));
     let outputs = "[[output]]\nmesh = \"q.obj\"\nquads = true\n[[output]]\nmesh = \"t.obj\"\nmesher = \"openvdb\"\n[[output]]\nmesh = \"m.obj\"\nadaptivity = 0.4\nquads = true\n[[output]]\nmesh = \"n.ply\"\nquads = true\ngrids = [\"element_id\"]\n[[output]]\nmesh = \"a.obj\"\nadaptivity = 0.95\n";
-    for text in [NEAR_ORIGIN_RECIPE, ROW] {
+    let tried = usize::from(!crate::is_full());
+    for text in &[NEAR_ORIGIN_RECIPE, ROW][tried..] {
         let recipe = Recipe::parse(&format!("{text}{outputs}"), &[]).unwrap();
         let one = run(&recipe, &options(&whole, None, 2), &Silent).unwrap();
         let all = [(2, 1), (1, 2)];
