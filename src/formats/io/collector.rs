@@ -23,7 +23,7 @@ pub(super) struct Collector<'a> {
     points: Vec<Vec3>,
     /// The file's number of each point.
     point_numbers: Vec<u64>,
-    /// The elements in file order; their nodes are placeholders until `finish`.
+    /// The elements in file order. `finish` sets their nodes; before, these are not to be used.
     elements: Connectivity,
     /// The nodes of all elements by file number, concatenated.
     element_nodes: Vec<u64>,

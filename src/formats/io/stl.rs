@@ -93,7 +93,7 @@ fn read_binary(mut source: Source) -> Result<MeshFile, ReadError> {
         }
     }
     // Fewer triangles than counted may be a truncated file; a closed surface is complete. The largest count
-    // is a placeholder of programs that write without knowing it.
+    // stands in files of programs that write without knowing it.
     if is_count_wrong && claimed > actual && claimed != u64::from(u32::MAX) && !builder.is_closed()
     {
         let found = format!("a claim of {claimed} triangles where the file has {actual}");
