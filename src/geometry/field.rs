@@ -196,9 +196,8 @@ pub trait Field: Send + Sync {
         None
     }
 
-    /// An interval that contains every value at the samples of a leaf. If none of them is nearer to 0 than
-    /// `near`, it also shows that the samples around the leaf have the same sign. The bound stops at the
-    /// first parts that hold nearer values and is then only a hull of these parts.
+    /// The joint bound of a leaf's wide parts, taken one by one until it holds values nearer to 0 than `near`. A bound
+    /// without such values contains all samples of the leaf and of the layer around it, which then have one sign.
     fn leaf_bound(&self, parts: &LeafParts<<Self::Point as Point>::Region>, near: f64) -> Interval {
         let all = self.bounds(&parts.wide);
         let bound = |n: usize| all.map_or_else(|| self.bound(&parts.wide[n]), |all| all[n]);

@@ -2,7 +2,7 @@
 //!
 //! | frame | type | unit | origin |
 //! |---|---|---|---|
-//! | cell | [`CellPoint`] | none (hex edge 1, tet edge sqrt 2) | centroid of the reference element |
+//! | cell | [`CellPoint`] | none (hex edge 1, tet edge sqrt 2) | the centroid; a pyramid's: centre of its base |
 //! | world | [`WorldPoint`] | the recipe's unit | the user's |
 //! | index | [`Coord`] | voxels | world origin; sample (i, j, k) is at world `i h`, the voxel's centre |
 //!
@@ -33,7 +33,7 @@ pub fn is_in_range(x: f64) -> bool {
     x.abs() < MAX_COORDINATE
 }
 
-/// Cartesian reference coordinates of an element (mathematics: x in R^d, origin at the centroid).
+/// Cartesian reference coordinates of an element (mathematics: x in R^d; for the origin see [`Element`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CellPoint<const D: usize>(pub SVector<f64, D>);
 

@@ -130,7 +130,7 @@ impl TriMesh {
     /// A mesh from vertices and triangles (counter-clockwise seen from outside).
     ///
     /// # Errors
-    /// [`MeshError`] when an index is out of range or a coordinate is not finite.
+    /// [`MeshError`]: an index out of range, a coordinate not below 1e18, or more vertices than 32 bits can number.
     pub fn new(vertices: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
         validate(&vertices, triangles.iter().copied())?;
         Ok(Self {
@@ -266,7 +266,6 @@ impl TriMesh {
             }
         };
         let origin = point.unwrap_or_else(centre);
-        // Sums of chunks of fixed size, added in order: the same bits at any number of threads.
         let sums: Vec<[f64; 2]> = chunks
             .map(|chunk| {
                 let corners = chunk.iter().map(|t| t.map(|v| self.vertices[v as usize]));
@@ -300,8 +299,7 @@ impl TriMesh {
         }
     }
 
-    /// The mesh with every vertex mapped; a reflection also reverses the orientation (see
-    /// [`TriMesh::flipped`]).
+    /// The mesh with every vertex mapped; a reflection also reverses the orientation (see [`TriMesh::flipped`]).
     ///
     /// # Panics
     /// When the map returns a coordinate that is not finite.
@@ -330,7 +328,7 @@ impl TriMesh {
     /// Appends the triangles of another mesh; no vertices are shared.
     ///
     /// # Errors
-    /// [`MeshError::TooMany`] when both meshes have more vertices than 32-bit indices can address.
+    /// [`MeshError::TooMany`] when both meshes together have more vertices than 32-bit indices can address.
     pub fn append(&mut self, other: &Self) -> Result<(), MeshError> {
         let total = self.vertices.len() + other.vertices.len();
         if total > u32::MAX as usize {
@@ -364,8 +362,7 @@ impl TriMesh {
         }
     }
 
-    /// Every undirected edge once, as ascending vertex indices, sorted; edges from a vertex to itself are
-    /// left out.
+    /// Every undirected edge once, as ascending vertex indices, sorted; edges from a vertex to itself are left out.
     pub fn edges(&self) -> Vec<[u32; 2]> {
         let sides = self
             .triangles
@@ -426,6 +423,7 @@ impl Hasher for BitHasher {
         self.0 = mixed ^ mixed >> 29;
     }
 
+    /// The length of a key, which all keys share.
     fn write_usize(&mut self, _: usize) {}
 }
 

@@ -1,11 +1,10 @@
 //! Contacts: samples on a plane where solids touch.
 //!
-//! A closed solid contains its surface, so solids that share a face are connected. If the shared face lies on
-//! a plane of samples, the minimum of their distances is 0 there, and 0 counts as outside: the face would
-//! separate the solids. The six neighbours distinguish such a sample from one on a real surface: both ends of
-//! an axis lie inside, and the sign changes on no axis. The sample takes the value of the shallower
-//! neighbour, as if the shared face did not exist. The same holds with the signs exchanged, for a void that
-//! touches itself: a film without thickness is not solid.
+//! A closed solid contains its surface, so solids that share a face are connected. If the shared face lies on a plane
+//! of samples, the minimum of their distances is 0 there, and 0 counts as outside: the face would separate the solids.
+//! The six neighbours distinguish such a sample from one on a real surface: both ends of an axis lie inside, and the
+//! sign changes on no axis. The sample takes the value of the shallower neighbour, as if the shared face did not exist.
+//! The same holds with the signs exchanged, for a void that touches itself: a film without thickness is not solid.
 //!
 //! A single face on a plane of samples, and a gap of one sample or more, stay unchanged.
 // Small functions of hot paths, inlined so that they are compiled for the target features of the caller.
@@ -13,12 +12,12 @@
 
 use crate::simd::{self, Lanes, SimdKernel};
 
-/// Largest magnitude of a contact value, in sample steps: coordinates of input files are rounded to single
-/// precision.
+/// Largest magnitude of a contact value, in sample steps: coordinates of input files are rounded to single precision.
 pub const CONTACT_TOLERANCE: f32 = 1e-4;
-/// Smallest depth of the neighbours on both sides of a contact, in steps.
+/// Smallest depth of the neighbours on both sides of a contact, in steps: far above rounding, below the 1 at a face.
 const MIN_DEPTH: f32 = 0.02;
-/// A surface has an axis along which the neighbours differ in sign, each by at least this, in steps.
+/// A surface has an axis along which the neighbours differ in sign, each by at least this, in steps. A unit normal has
+/// a component of at least 0.58; the rest is left to fields that are only nearly distances.
 const MIN_SLOPE: f32 = 0.25;
 
 /// The new value of a sample near 0 that lies on a contact, from the neighbours below and above along each axis at

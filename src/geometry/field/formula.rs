@@ -75,12 +75,11 @@ pub struct Formula {
 }
 
 impl Formula {
-    /// Parses a text. `variables` are the names that it may use, in the order of the values in
-    /// [`Formula::value`].
+    /// Parses a text. `variables` are the names that it may use, in the order of the values in [`Formula::value`].
     ///
     /// # Errors
-    /// [`FormulaError`]: a syntax error, an unknown name, a wrong number of arguments, more than 4096
-    /// bytes, or more than 64 nested parentheses.
+    /// [`FormulaError`]: a syntax error, an unknown name, a wrong number of arguments, more than 4096 bytes, more than
+    /// 63 nested parentheses (fewer with signs or powers of powers), or more than 96 values on the stack.
     pub fn parse(text: &str, variables: &[&str]) -> Result<Self, FormulaError> {
         Self::with_constants(text, variables, &[])
     }

@@ -4,9 +4,9 @@
 //! width, and a sign only the side of 0. So each reader of a lattice passes limits down, and a field that costs much
 //! leaves out the samples that other fields have decided.
 
-/// For each sample of a lattice, an open interval (low, high). Only values in it are needed exactly: any value that is at
-/// most `low` stands for each other one, and so does any value that is at least `high`. Where `low` is not less than
-/// `high`, the value is not needed.
+/// For each sample of a lattice, an open interval (low, high). Only values in it are needed exactly: any value that is
+/// at most `low` stands for each other one, and so does any value that is at least `high`. Where `low` is not less
+/// than `high`, the value is not needed.
 #[derive(Clone, Debug, Default)]
 pub struct ValueLimits {
     pub(super) low: Vec<f32>,
@@ -32,7 +32,7 @@ impl ValueLimits {
     }
 
     /// Replaces the limits by those of samples whose signs alone are needed, and only where a bit of `needed` is set,
-    /// in rows of `along` samples; zero is not negative.
+    /// in rows of `along` samples; zero is not negative. No normal number lies between the limits: signs suffice.
     pub fn set_signs(&mut self, needed: &[u64], along: usize) {
         let [low, high] = [-f32::MIN_POSITIVE, 0.0];
         let bits = needed

@@ -96,6 +96,7 @@ impl Cylinder {
         let axis = (self.ends[1] - self.ends[0])
             .try_normalize(0.0)
             .unwrap_or_else(Vec3::z);
+        // A disc of unit normal n reaches r sqrt(1 - n_a^2) along axis a.
         let reach = axis.map(|c| (1.0 - c * c).max(0.0).sqrt() * self.radius);
         let around = Aabb::of(self.ends);
         Aabb {

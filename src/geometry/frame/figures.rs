@@ -1,4 +1,4 @@
-//! Formatting of measures with four significant digits.
+//! Formatting of measures with four significant digits, and of points with six.
 //!
 //! For messages and reports only: the text does not give back the number.
 
@@ -52,6 +52,7 @@ pub fn place_figures(point: super::Vec3) -> String {
         return format!("({:.5e}, {:.5e}, {:.5e})", point.x, point.y, point.z);
     }
     let digits = usize::try_from(5 - power).unwrap_or(0);
+    // What would be printed as -0 becomes 0.
     let half_digit = 0.5 * 10f64.powi((power - 5).min(0));
     let rounded = point.map(|c| if c.abs() < half_digit { 0.0 } else { c });
     format!(

@@ -29,9 +29,8 @@ pub enum Element {
     Wedge,
     /// Half an octahedron of edge 1: the unit square at z = 0, the apex at z = 1/sqrt 2.
     Pyramid,
-    /// Ball of diameter 1, the domain of a single isolated cell. Its vertices, edges and faces are those of
-    /// the inscribed icosahedron; six of its edges cross the axes at right angles and are parallel to other
-    /// axes.
+    /// Ball of diameter 1, the domain of a single isolated cell. Its vertices, edges and faces are those of the
+    /// inscribed icosahedron; six of its edges cross the axes at right angles and are parallel to other axes.
     Ball,
 }
 
@@ -199,6 +198,7 @@ impl Element {
             let both = |f: &&Vec<usize>| f.contains(&i) && f.contains(&j);
             faces.iter().filter(both).count()
         };
+        // An edge lies in two faces of a solid element; of a planar one it is a face itself.
         let n = self.vertices().len();
         (0..n)
             .flat_map(|j| (0..j).map(move |i| [i, j]))
@@ -301,7 +301,7 @@ impl Element {
     }
 }
 
-/// The twelve points (0, +-b, +-c) and their cyclic permutations.
+/// The twelve points (0, +-b, +-c) in their three cyclic orders; `a` is 0.
 fn cyclic_permutations([a, b, c]: [f64; 3]) -> impl Iterator<Item = Vec3> {
     (0..12).map(move |n| {
         let sign = |bit: i32| if n & bit == 0 { 1.0 } else { -1.0 };
@@ -365,8 +365,7 @@ mod tests {
 
     #[test]
     fn symmetries_permute_the_vertices() {
-        // The reflection of x is a symmetry of all but the tet; the cyclic permutation of the axes, of tet
-        // and hex.
+        // The reflection of x is a symmetry of all but the tet; the cyclic permutation of the axes, of tet and hex.
         let mirror = Mat3::from_diagonal(&Vec3::new(-1.0, 1.0, 1.0));
         let cycle = Mat3::new(0., 0., 1., 1., 0., 0., 0., 1., 0.);
         for e in Element::SCAFFOLD_ELEMENTS {

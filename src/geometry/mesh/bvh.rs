@@ -101,6 +101,7 @@ impl LocalFrame {
         // Halve before adding: the sum of two huge coordinates could overflow.
         let centre = bounds.min / 2.0 + bounds.max / 2.0;
         let half = (bounds.max / 2.0 - bounds.min / 2.0).amax();
+        // A power of two scales without rounding; the clamp keeps it in the range of f64.
         let exponent = if half > 0.0 { half.log2().ceil() } else { 0.0 };
         Self {
             centre,

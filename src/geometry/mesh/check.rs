@@ -104,12 +104,12 @@ impl MeshReport {
             ("not self-intersecting", self.is_free_of_intersections()),
         ]
     }
-    /// Whether no property is violated.
+    /// Whether no property is violated; one that is not checked counts as kept.
     pub fn is_sound(&self) -> bool {
         self.properties().iter().all(|w| w.1 != Some(false))
     }
-    /// Whether the surface bounds a solid without repair: it is sound, and no shell is oriented inward or
-    /// overlaps another.
+    /// Whether the surface bounds a solid without repair: it is sound, and no shell is oriented inward or overlaps
+    /// another. Shells that are not checked count as right.
     pub fn is_solid(&self) -> bool {
         let shells = self.shells.unwrap_or_default();
         self.is_sound() && shells.inward_shells == 0 && shells.overlapping_shells == 0
@@ -153,7 +153,6 @@ impl MeshReport {
             };
             let _ = writeln!(f, "{property}: {holds}");
         }
-        // Of each kind of defect the first place is given.
         for (name, finding) in self.defects() {
             let _ = write!(f, "{} {name}", finding.count);
             if let Some(Defect { at, triangles }) = finding.places.first() {
@@ -237,7 +236,6 @@ pub fn check_with(
         self_intersections: None,
         shells: None,
     };
-    // Edges, vertices, triangles, then intersections.
     classify_edges(&edges, &merged, &mut report);
     find_pinched_vertices(&merged, &edges, &mut report.pinched_vertices);
     for (t, corners) in merged.iter_corners().enumerate() {

@@ -36,7 +36,7 @@ pub enum CloudError {
         /// The number of normals.
         normals: usize,
     },
-    /// A coordinate that is infinite or not a number.
+    /// A coordinate that is not a number or whose magnitude is 1e18 or more.
     #[error("point {0} has a coordinate that is not finite")]
     NotFinite(usize),
     /// A normal without direction.
@@ -45,7 +45,7 @@ pub enum CloudError {
     /// Coincident or collinear points, which cover no surface.
     #[error("the points cover no surface: their tiles have the area {0}")]
     NoArea(f64),
-    /// Normals that define no inside.
+    /// Normals that define no inside: it is sought at 16^3 samples of the box.
     #[error(
         "the points bound no solid: the winding number exceeds 1/2 nowhere in their box \
          (greatest {greatest:.3}, least {least:.3})"
@@ -173,7 +173,7 @@ impl CloudSolid {
         self.is_turned
     }
 
-    /// The generalised winding number: about 1 inside and 0 outside.
+    /// The generalised winding number: about 1 inside and 0 outside. A tile counts by its share, without its overlap.
     pub fn winding_number(&self, p: Vec3) -> f64 {
         self.winding.number(&self.tiles, p, ACCURATE_BETA) / (TILE_OVERLAP * TILE_OVERLAP)
     }

@@ -13,7 +13,7 @@ use super::half_edges::HalfEdges;
 use crate::frame::{Mat3, Vec3};
 use rayon::prelude::*;
 
-/// Least cosine between the normals of a triangle before and after a collapse.
+/// Least cosine between the normals of a triangle before and after a collapse: a turn of 76 degrees.
 const MIN_TURN_COSINE: f64 = 0.25;
 /// Least cosine between the normals of neighbours that a collapse makes, unless neighbours there are folded more.
 const MIN_FOLD_COSINE: f64 = -0.8;
@@ -46,6 +46,7 @@ pub fn collapsed(vertices: &[Vec3], triangles: &[[u32; 3]], goal: CollapseGoal) 
     let max_squared_error = goal.error.map_or(f64::INFINITY, |e| e * e);
     while surface.triangles.len() > goal.triangles {
         let before = surface.triangles.len();
+        // A collapse removes two triangles.
         let remaining = (before - goal.triangles).div_ceil(2);
         let made = surface.pass(remaining, max_squared_error);
         surface.remove_collapsed();
@@ -322,7 +323,7 @@ impl<'a> Surface<'a> {
         let size = after.norm();
         let edges = [[to, u], [u, v], [v, to]];
         let longest = edges.map(|[a, b]| self.offset(a, b).norm_squared());
-        // Twice the area is height times edge.
+        // Twice the area is height times edge; the edges here are squared.
         size > MIN_HEIGHT_RATIO * longest.into_iter().fold(0.0, f64::max)
             && before.dot(&after) >= MIN_TURN_COSINE * size * before.norm()
     }

@@ -27,7 +27,6 @@ pub struct MeshComponent {
 /// that order. A vertex without triangles counts for the first one; its label has no meaning.
 #[doc(hidden)]
 pub fn mesh_components(mesh: &TriMesh) -> (Vec<MeshComponent>, Vec<u32>) {
-    // Triangles that share a vertex are of one component.
     let mut sets = UnionFind::new(mesh.vertices().len());
     for &[a, b, c] in mesh.triangles() {
         sets.union(a as usize, b as usize);
@@ -69,7 +68,7 @@ pub fn mesh_components(mesh: &TriMesh) -> (Vec<MeshComponent>, Vec<u32>) {
 }
 
 /// Whether every edge of a mesh has as many triangles that run along it one way as the other, so that a cut can be
-/// filled. An empty mesh is not closed.
+/// filled. An empty mesh is not closed, nor one with a triangle that repeats a vertex.
 #[doc(hidden)]
 pub fn is_closed(mesh: &TriMesh) -> bool {
     let mut sides: Vec<(u64, i32)> = Vec::with_capacity(3 * mesh.triangles().len());

@@ -98,8 +98,8 @@ fn segment_meets_triangle([p, q]: [Vec3; 2], sides: [i8; 2], t: &[Vec3; 3]) -> b
     s.iter().all(|&x| x >= 0) || s.iter().all(|&x| x <= 0)
 }
 
-/// The extent of a triangle along a direction, in rounded arithmetic: exact signs of thousands of triangles in one plane,
-/// or in planes side by side, would take long.
+/// The extent of a triangle along a direction, in rounded arithmetic: exact signs of thousands of triangles in one
+/// plane, or in planes side by side, would take long.
 pub(crate) struct Extent {
     origin: Vec3,
     direction: Vec3,
@@ -206,6 +206,7 @@ fn meet_without_common_corner(t: &[Vec3; 3], u: &[Vec3; 3]) -> bool {
         let e = edge(i);
         segment_meets_triangle(e.map(|k| u[k]), e.map(|k| of_u[k]), t)
             || segment_meets_triangle(e.map(|k| t[k]), e.map(|k| of_t[k]), u)
+        // In one plane, one may lie within the other.
     }) || (of_u == [0; 3]
         && AxisProjection::of(u)
             .is_some_and(|projection| projection.contains(u, t[0]) || projection.contains(t, u[0])))

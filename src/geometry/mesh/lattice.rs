@@ -55,7 +55,8 @@ fn limit(reach: f32) -> f32 {
     reach * reach
 }
 
-/// Squared lower bounds of the distances of eight triangles from a point.
+/// Squared lower bounds of the distances of eight triangles from a point. A triangle lies in a disc of its plane:
+/// d^2 >= height^2 + max(0, across - radius)^2 with across^2 = |q - centre|^2 - height^2.
 #[inline(always)]
 fn lower_bounds<L: Lanes>(l: L, pack: &DiscPack, q: &[L::F; 3]) -> L::F {
     let (mut d2, mut height) = (l.splat(0.0), l.splat(0.0));

@@ -15,7 +15,7 @@ const SAMPLES_PER_AXIS: usize = 20;
 /// Mean thickness (volume over area) of a closed surface below which it is flat, over the size of its box. A product of
 /// three differences from the centre of the box is good to four roundings of double precision, so its sign is known.
 const FLAT_THICKNESS_RATIO: f64 = 1e-15;
-/// One of these samples as a fraction.
+/// One of the 20^3 samples of the box as a fraction.
 const MIN_FRACTION: f64 = 1.0 / 8000.0;
 /// Samples of the winding number beside the triangles.
 const SAMPLES_AT_TRIANGLES: usize = 4000;
@@ -49,8 +49,8 @@ pub struct Openness {
     /// The number of all edges.
     pub edges: usize,
     /// The fraction of the samples that are inside (w > 1/2): in the bounding box, or just behind the triangles
-    /// where less than 2.5 % of the box is inside. For a closed surface, the ratio of its volume to that of the
-    /// box, at most 1.
+    /// where less than 2.5 % of the box is inside, or inside out. For a closed surface that is not flat, the ratio
+    /// of its volume to that of the box, 0 to 1.
     pub inside: f64,
     /// The ratio of samples with a winding number between 1/4 and 3/4 to samples inside.
     pub uncertain: f64,

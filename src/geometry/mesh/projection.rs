@@ -136,7 +136,6 @@ impl QuadMesh {
                 Ok(target)
             })
             .collect::<Result<_, _>>()?;
-        // A corner in a cell without vertex goes to the nearest vertex beside it.
         assign_corners(&before.vertices, &mut targets, options.voxel_size);
         let mut points: Vec<Vec3> = before.vertices.clone();
         for (position, target) in points.iter_mut().zip(&targets) {
@@ -377,7 +376,8 @@ impl ZeroSet<'_> {
             return Some(p);
         }
         // The field increases outward: step against its sign until it changes.
-        // For a distance the first step passes the zero; at most a quarter of a voxel, so that it does not pass two.
+        // For a distance the first step passes the zero; at most a quarter of a voxel, so that it does not pass two,
+        // and enough to leave a value near 0.
         let step = (fa.abs() * 1.5).clamp(1e-4 * self.h, 0.25 * self.h);
         let (mut b, mut fb) = (a, fa);
         while fb.signum() == fa.signum() {
@@ -439,6 +439,7 @@ impl ZeroSet<'_> {
     /// small part of the cost of a crease.
     fn may_kink(&self, p: Vec3) -> bool {
         let centre2 = 2.0 * self.value(p);
+        // The axes and the space diagonals, of length 1 (0.577 = 1 / sqrt 3).
         let directions = [
             [1.0, 0.0, 0.0],
             [0.0, 1.0, 0.0],
@@ -465,6 +466,7 @@ impl ZeroSet<'_> {
                 return None;
             }
             let radius = radius * self.h;
+            // A plane somewhat beyond the samples counts: x is not exact yet.
             let mut planes = self.tangent_planes(x, radius, 2.5 * radius);
             planes.truncate(count);
             if planes.len() < count {

@@ -18,7 +18,7 @@ impl QuadMesh {
     /// A mesh whose quads are rotated so that the shorter diagonal comes first.
     ///
     /// # Errors
-    /// [`MeshError`] when an index is out of range or a coordinate is not finite.
+    /// As [`TriMesh::new`]; a quad n counts as the triangles 2n and 2n + 1.
     pub fn new(vertices: Vec<Vec3>, mut quads: Vec<[u32; 4]>) -> Result<Self, MeshError> {
         let triangles = |q: &[u32; 4]| [[q[0], q[1], q[2]], [q[1], q[2], q[3]]];
         super::validate(&vertices, quads.iter().flat_map(triangles))?;

@@ -30,7 +30,7 @@ pub enum RepairKind {
     Flipped,
     /// Shells that overlap or lie in each other were united.
     United,
-    /// Holes were closed by the winding number.
+    /// Holes were closed by the winding number, or edges that were open by rounding alone.
     Closed,
     /// Copies of triangles or of an open surface were left out.
     Repeated,
@@ -54,7 +54,7 @@ impl fmt::Display for Repair {
 /// Counts of shells (connected components) and their defects.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ShellReport {
-    /// Components connected through edges of two triangles.
+    /// Components connected through edges, those of more than two triangles by pairs.
     pub shells: usize,
     /// Triangles whose orientation differs from that of most of their shell.
     pub inconsistent_faces: usize,
@@ -64,11 +64,10 @@ pub struct ShellReport {
     pub nested_shells: usize,
     /// Shells with parts inside the solid: they overlap, touch or duplicate others.
     pub overlapping_shells: usize,
-    /// Shells with open edges.
+    /// Shells with open or misoriented edges, and triangles that repeat a vertex.
     pub open_shells: usize,
 }
 
-/// A mesh without some of its triangles.
 fn without(mesh: &TriMesh, is_left_out: &[bool]) -> TriMesh {
     let triangles = mesh.triangles().iter().zip(is_left_out);
     let kept = triangles.filter(|(_, out)| !**out).map(|(t, _)| *t);

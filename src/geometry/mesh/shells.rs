@@ -1,9 +1,9 @@
 //! Shells: the connected components of a mesh, their orientation and their nesting.
 //!
-//! A shell is a set of triangles connected through edges of exactly two triangles. Where neighbours are
-//! oriented inconsistently, the majority of the shell's triangles decides, if the shell has no open edge and is
-//! orientable. A closed shell outside all others cannot bound a cavity: if its signed volume is negative, it
-//! is reversed together with the shells inside it.
+//! A shell is a set of triangles connected through edges; at an edge of more than two, consecutive ones of opposite
+//! direction are paired. Where neighbours are oriented inconsistently, the majority of the shell's triangles decides,
+//! if the shell has no open edge and is orientable. A closed shell outside all others cannot bound a cavity: if its
+//! signed volume is negative, it is reversed together with the shells inside it.
 
 use super::TriMesh;
 use super::bvh::Bvh;
@@ -60,8 +60,7 @@ impl Shells {
                 sets.union(s.triangle() as usize, t.triangle() as usize);
                 continue;
             }
-            // Where more than two triangles share an edge, consecutive ones are paired: files list body by
-            // body.
+            // Where more than two triangles share an edge, consecutive ones are paired: files list body by body.
             open.clear();
             for side in edge {
                 if is_degenerate(triangles[side.triangle() as usize]) {

@@ -16,7 +16,6 @@ use crate::simd::{Number, difference, splat_vector};
 /// A triangle whose height is at most this fraction of its longest side is a sliver.
 const MAX_HEIGHT_RATIO: f64 = 0.01;
 
-/// How thin a triangle is.
 pub(super) struct Thinness {
     double_area: f64,
     /// The square of the longest side.

@@ -161,8 +161,7 @@ impl MeshSolid {
         self.bounds
     }
 
-    /// Whether every half-edge has an opposite one: the winding number is then an integer away from the
-    /// triangles.
+    /// Whether every half-edge has an opposite one: the winding number is then an integer away from the triangles.
     pub fn is_cycle(&self) -> bool {
         self.boundary.is_none()
     }
@@ -199,7 +198,6 @@ impl MeshSolid {
         self.surface.collect_among(among, region, reach, slots);
     }
 
-    /// The triangles for winding numbers.
     fn winding_triangles(&self) -> &Soup {
         self.winding_soup.as_ref().unwrap_or(&self.surface)
     }
@@ -232,6 +230,7 @@ impl MeshSolid {
         if nearest.triangle == u32::MAX {
             return false;
         }
+        // Both sides beyond the crack are inside.
         let [a, b, c] = buried.corners[slot];
         let normal = (b - a).cross(&(c - a)).try_normalize(0.0);
         normal.is_some_and(|n| {

@@ -210,7 +210,7 @@ impl Soup {
             .get_or_init(|| self.discs.chunks(PACK_SIZE).map(DiscPack::of).collect())
     }
 
-    /// Plates of the packs with long triangles, if these are many.
+    /// Plates of the packs with long triangles, if these are cut or more than an eighth of all.
     pub(super) fn plates(&self) -> &Plates {
         self.plates.get_or_init(|| {
             if self.is_cut() || 8 * self.long.len() > self.corners.len() {

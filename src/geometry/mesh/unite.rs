@@ -350,6 +350,7 @@ impl Classifier<'_> {
         let surface: Vec<bool> = largest
             .par_iter()
             .map(|&(_, t)| {
+                // The flag of a region without uncut triangles is not read.
                 if t == u32::MAX || !is_uncut(t) {
                     return true;
                 }

@@ -1,11 +1,10 @@
 //! Gradient noise: a smooth, deterministic pseudo-random function of space.
 //!
-//! Every point of the integer lattice has a gradient from a hash of its coordinates. Between the eight
-//! surrounding points, the linear functions with these gradients are blended with t^3 (6 t^2 - 15 t + 10),
-//! which makes the noise twice differentiable (Perlin, *Improving Noise*, 2002). It vanishes at the lattice
-//! points and lies between -1 and 1.
+//! Every point of the integer lattice has a gradient from a hash of its coordinates. Between the eight surrounding
+//! points, the linear functions with these gradients are blended with t^3 (6 t^2 - 15 t + 10), which makes the noise
+//! twice differentiable (Perlin, *Improving Noise*, 2002). It vanishes at the lattice points and lies between -1 and 1.
 
-/// A hash of a number; close numbers have unrelated hashes.
+/// A hash of a number, the final mix of splitmix64; close numbers have unrelated hashes.
 fn hash(mut v: u64) -> u64 {
     v ^= v >> 30;
     v = v.wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -14,8 +13,7 @@ fn hash(mut v: u64) -> u64 {
     v ^ v >> 31
 }
 
-/// The product of a lattice point's gradient, one of the 12 directions to a cube's edge midpoints, and
-/// `step`.
+/// The product of a lattice point's gradient, one of the 12 directions to a cube's edge midpoints, and `step`.
 fn plane(point: [i64; 3], step: [f64; 3]) -> f64 {
     let mixed = point
         .into_iter()
