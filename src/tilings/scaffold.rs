@@ -75,7 +75,7 @@ pub enum ScaffoldError {
     /// No solid elements.
     #[error("no solid elements; expected at least one tetrahedron, hexahedron, wedge or pyramid")]
     Empty,
-    /// More nodes or elements than an index can number.
+    /// More nodes or elements than an index can number, or than a division or a filling makes.
     #[error("{found} {what}; at most {} are supported", u32::MAX - 1)]
     TooMany {
         /// How many.
@@ -246,8 +246,8 @@ impl Scaffold {
     /// A scaffold of these nodes (world units) and elements.
     ///
     /// # Errors
-    /// Any [`ScaffoldError`] but those of a box. Folded, duplicate or disconnected elements are no error here;
-    /// [`Scaffold::validate`] reports them.
+    /// [`ScaffoldError`]: no elements, too many, planar ones, coordinates out of range, nodes that are missing or not
+    /// as many as the kind has. Folded, duplicate or disconnected elements are for [`Scaffold::validate`].
     pub fn new(nodes: Vec<Vec3>, elements: Connectivity) -> Result<Self, ScaffoldError> {
         check(&nodes, &elements, Dimension::Solid)?;
         // The map of each element, its bounds and its stretch.
@@ -340,8 +340,7 @@ impl Scaffold {
         found.sort_unstable();
     }
 
-    /// The lowest element that contains the point within 1e-9 of its cell's face planes, with the
-    /// point in its cell.
+    /// The lowest element that contains the point within 1e-9 of its cell's face planes, with the point in its cell.
     pub fn locate(&self, p: WorldPoint) -> Option<(u32, CellPoint<3>)> {
         let mut best: Option<(u32, CellPoint<3>)> = None;
         // Rounding may put points on the boundary outside the bounds.

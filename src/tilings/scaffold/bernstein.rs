@@ -1,9 +1,8 @@
 //! Polynomials over the reference cell in Bernstein form, which give rigorous bounds of curved elements.
 //!
-//! A polynomial over a simplex or a cube is a convex combination of its Bernstein coefficients, so
-//! their hull contains its range; splitting the cell tightens the hull quadratically. Parametric
-//! coordinates r in `[0, 1]^3`: barycentrics (1 - r1 - r2 - r3, r1, r2, r3) on the simplex. The
-//! integral is the mean coefficient times the cell's volume.
+//! A polynomial over a simplex or a cube is a convex combination of its Bernstein coefficients, so their hull contains
+//! its range; splitting the cell tightens the hull quadratically. Parametric coordinates r in `[0, 1]^3`: barycentrics
+//! (1 - r1 - r2 - r3, r1, r2, r3) on the simplex. The integral is the mean coefficient times the cell's volume.
 
 use super::kind::Family;
 use druse_geometry::frame::Vec3;
@@ -80,7 +79,7 @@ fn collocation(family: Family, degree: usize) -> &'static DMatrix<f64> {
     static TABLES: [[OnceLock<DMatrix<f64>>; 6]; 3] = [const { [const { OnceLock::new() }; 6] }; 3];
     TABLES[family as usize][degree].get_or_init(|| {
         let n = degree;
-        let at = |i: usize| i as f64 / n.max(1) as f64;
+        let at = |i: usize| i as f64 / n.max(1) as f64; // A constant has one point, at 0.
         let basis = match family {
             Family::Tensor => DMatrix::from_fn(n + 1, n + 1, |row, i| {
                 // B_i(t) = (n over i) t^i (1 - t)^(n - i), one row for each point.

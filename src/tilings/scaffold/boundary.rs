@@ -26,8 +26,8 @@ pub struct Boundary {
 
 impl Scaffold {
     /// The outer faces of a component (see [`Scaffold::components`]), curved ones subdivided until they differ from the
-    /// mesh by less than `chordal_error` (world units, positive). Vertices are numbered as they are made, so that the
-    /// mesh cannot be invalid.
+    /// mesh by less than `chordal_error` (world units, positive) or their edges are a 1024th of a side. Vertices are
+    /// numbered as they are made, so that the mesh cannot be invalid.
     ///
     /// # Panics
     /// If there is no such component.

@@ -29,9 +29,8 @@ thread_local! {
 }
 
 impl ElementMap<'_> {
-    /// A box in the cell frame around every point of the closed reference cell that maps into
-    /// `world`; `None` proves that there is none. Tight for small boxes: the preimage's own
-    /// bounding box, a little larger on curved elements.
+    /// A box in the cell frame around every point of the closed reference cell that maps into `world`; `None` proves
+    /// that there is none. Tight for small boxes: the preimage's own bounding box, a little larger on curved elements.
     pub fn cell_box(&self, world: &Aabb) -> Option<CellBox<3>> {
         if !self.bounds().meets(*world) {
             return None;
@@ -58,6 +57,7 @@ impl ElementMap<'_> {
 }
 
 fn of_affine(shape: Element, a: &Affine, world: &Aabb) -> Option<CellBox<3>> {
+    // A degenerate element has no inverse.
     if !a.inverse[0].is_finite() {
         return Some(shape.cell_box());
     }
@@ -239,9 +239,11 @@ fn contract(
         if next.is_empty() {
             return None;
         }
+        // An edge fell below 3/4, with half edges in `radius`.
         let shrunk = (0..3).any(|a| next.max[a] - next.min[a] < 1.5 * radius[a]);
         inner = next;
-        // How much the remainder adds to the linear preimage.
+        // How much the remainder adds to the linear preimage: settled is up to a quarter, or up to as much again
+        // where the box shrinks no further.
         let linear = y.abs() * half.add_scalar(rounding);
         let excess = y.abs() * rest;
         let adds = |share: f64| (0..3).all(|a| excess[a] <= share * linear[a] + 1e-9);

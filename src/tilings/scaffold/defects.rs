@@ -219,7 +219,7 @@ impl Scaffold {
                 element: self.number(e as usize),
             };
             let reference = element.shape().vertices();
-            // On a vertex of the element: the node should have been merged with it.
+            // On a vertex, within a few tolerances: the node should have been merged with it.
             if reference
                 .iter()
                 .any(|v| (v - xi.0).norm() < 4.0 * NODE_TOLERANCE)

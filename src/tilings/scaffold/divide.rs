@@ -1,10 +1,9 @@
 //! Elements cut into smaller ones: refinement, repetition, midpoint subdivision in space and in the plane.
 //!
-//! The parts of an element are given by the parametric coordinates of their nodes, multiples of a
-//! common fraction. A node is named by the corners of its element and their shares in it, so that
-//! elements that share a face share the new nodes on it, whatever their numbering. Parts of a
-//! quadratic element are quadratic and have its geometry exactly: a polynomial of total degree 2 over
-//! a part with trilinear coordinates is of degree 2 per axis.
+//! The parts of an element are given by the parametric coordinates of their nodes, multiples of a common fraction. A
+//! node is named by the corners of its element and their shares in it, so that elements that share a face share the new
+//! nodes on it, whatever their numbering. Parts of a quadratic element are quadratic and have its geometry exactly: a
+//! polynomial of total degree 2 over a part with trilinear coordinates is of degree 2 per axis.
 
 use super::kind::Family;
 use super::{Connectivity, Kind, Scaffold, ScaffoldError};
@@ -23,8 +22,7 @@ pub struct Divided {
     pub parents: Vec<u32>,
 }
 
-/// A part of an element: its kind and the parametric coordinates of its corners, times a
-/// denominator.
+/// A part of an element: its kind and the parametric coordinates of its corners, times a denominator.
 struct Part {
     kind: Kind,
     corners: Vec<[i64; 3]>,
@@ -58,6 +56,7 @@ impl Pattern {
         match self {
             Self::Repeat(k) => k,
             Self::Halve => 2,
+            // Halves of edges, thirds of triangles, quarters of tets.
             Self::Midpoint | Self::Columns => 12,
         }
     }
@@ -89,7 +88,7 @@ impl Scaffold {
     /// Every hex cut `times` along each axis: the cell in it is repeated as many times.
     ///
     /// # Errors
-    /// [`ScaffoldError::NoParts`] for other elements or `times` outside 1 to 64,
+    /// [`ScaffoldError::NoParts`] for other elements, [`ScaffoldError::BadRepeat`] for `times` outside 1 to 64,
     /// [`ScaffoldError::TooMany`].
     pub fn repeated(&self, times: u32) -> Result<Divided, ScaffoldError> {
         if !(1..=64).contains(&times) {

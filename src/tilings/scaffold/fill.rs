@@ -321,7 +321,7 @@ impl Body<'_> {
     }
 }
 
-/// The bits of three coordinates from 0 to 1 in turns.
+/// The bits of three coordinates from 0 to 1 in turns, 21 of each.
 fn morton(p: Vec3) -> u64 {
     let bits = [p.x, p.y, p.z].map(|c| (c.clamp(0.0, 1.0) * 2_097_151.0) as u64);
     (0..63).fold(0, |sum, k| sum | (bits[k % 3] >> (k / 3) & 1) << k)

@@ -30,7 +30,7 @@ const BASES: [[usize; 4]; 6] = [
 
 impl Scaffold {
     /// A box with one corner at the origin, of `size` world units, cut into `counts` cells per
-    /// axis: one Hex8, six Tet4, two Wedge6 or six Pyramid5 each. Elements are in order of x, then y, then z.
+    /// axis: one Hex8, six Tet4, two Wedge6 or six Pyramid5 each. Elements have x fastest, then y.
     ///
     /// # Errors
     /// [`ScaffoldError::BadBox`], [`ScaffoldError::BadBoxKind`], [`ScaffoldError::TooMany`].
@@ -70,7 +70,7 @@ impl Scaffold {
                 }
             }
         }
-        // Nodes are in order of z, then y, then x.
+        // Nodes have x fastest, then y; centres of pyramids come after them.
         let node = |i, j, k| (i + (nx + 1) * (j + (ny + 1) * k)) as u32;
         let mut elements = Connectivity::default();
         for k in 0..nz {

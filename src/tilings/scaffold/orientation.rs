@@ -1,7 +1,6 @@
 //! The sign of an element's Jacobian over the whole element.
 //!
-//! det J is a polynomial; the signs of its Bernstein coefficients decide, after splitting where
-//! they are mixed.
+//! det J is a polynomial; the signs of its Bernstein coefficients decide, after splitting where they are mixed.
 
 use super::bernstein::{Net, Part};
 use super::element::ElementMap;
@@ -23,7 +22,7 @@ pub enum Orientation {
         /// Where, in the cell frame.
         at: CellPoint<3>,
     },
-    /// Vanishes somewhere, within 1e-12 of the element's size cubed.
+    /// Vanishes somewhere, within 1e-12 of the element's size cubed, or has no sign that could be proved.
     Degenerate {
         /// det dx/dr there.
         determinant: f64,

@@ -43,7 +43,7 @@ pub struct BadElement {
     pub at: Spot,
 }
 
-/// The scaffold cannot be filled.
+/// The scaffold cannot be filled: the first such element or pair, and the number of others.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InvalidScaffold {
     /// Elements whose Jacobian changes its sign.
@@ -91,7 +91,7 @@ pub struct ScaffoldReport {
     pub worst_quality: (f64, u64),
     /// Mean quality.
     pub mean_quality: f64,
-    /// Elements with curved maps.
+    /// Elements whose map is not affine.
     pub curved: usize,
     /// Elements with a negative Jacobian throughout: harmless, mirror-numbered.
     pub mirrored: Vec<u32>,

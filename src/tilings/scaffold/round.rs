@@ -1,8 +1,7 @@
 //! Cylinders, tubes and balls of curved hexes, made without a mesher.
 //!
-//! Around a core, a square or cube bulged towards the circle, lie blocks that reach to the rim
-//! ("O-grid"). Elements are Hex27 with their nodes on the shape itself: the rim is met to the third
-//! order of the cell size.
+//! Around a core, a square or cube bulged towards the circle, lie blocks that reach to the rim ("O-grid"). Elements are
+//! Hex27 with their nodes on the shape itself: the rim is met to the third order of the cell size.
 
 use super::{Connectivity, Kind, Scaffold, ScaffoldError};
 use druse_geometry::frame::Vec3;
@@ -36,6 +35,7 @@ fn place(name: Name, n: i64, layers: i64) -> Vec3 {
     let c = Vec3::from(name.core.map(|i| i as f64 / n as f64 - 1.0));
     let size = c.amax();
     let unit = if size > 0.0 { direction(c / size) } else { c };
+    // A blend of a square or cube of half edge 1.1 / sqrt 2 = 0.78 and the unit circle or sphere, scaled to the core.
     let inner = (c * (1.0 - CORE_ROUNDNESS) / 2f64.sqrt() * 1.1 + unit * (size * CORE_ROUNDNESS))
         * CORE_SHARE;
     let outward = name.layer as f64 / (2 * layers) as f64;
@@ -115,8 +115,7 @@ impl Scaffold {
         Self::new(builder.nodes, builder.elements)
     }
 
-    /// A cylinder around the z axis from z = 0 to `height`, of hexes of about `cell` along their
-    /// edges.
+    /// A cylinder around the z axis from z = 0 to `height`, of hexes of about `cell` along their edges.
     ///
     /// # Errors
     /// [`ScaffoldError::BadRound`], [`ScaffoldError::TooMany`].

@@ -54,8 +54,7 @@ impl Surface {
         })
     }
 
-    /// The same surface with the numbers that its file gives to the elements. Ignored unless there
-    /// is one for each.
+    /// The same surface with the numbers that its file gives to the elements. Ignored unless there is one for each.
     #[must_use]
     pub fn with_numbers(mut self, numbers: Vec<u64>) -> Self {
         if numbers.len() == self.len() {
@@ -141,7 +140,7 @@ impl Surface {
     /// mesh from a plane stay.
     ///
     /// # Errors
-    /// [`ScaffoldError::BadThickness`].
+    /// [`ScaffoldError::BadThickness`], and those of [`Scaffold::new`].
     pub fn plate(&self, height: f64) -> Result<Scaffold, ScaffoldError> {
         self.thickened(height, &vec![Vec3::z(); self.nodes.len()])
     }
@@ -149,8 +148,7 @@ impl Surface {
     /// The shell of this thickness around the surface, to both sides alike.
     ///
     /// # Errors
-    /// [`ScaffoldError::BadThickness`]; [`ScaffoldError::NoNormal`] for a node at which the elements
-    /// have no common outside.
+    /// As [`Surface::plate`]; [`ScaffoldError::NoNormal`] for a node at which the elements have no common outside.
     pub fn shell(&self, thickness: f64) -> Result<Scaffold, ScaffoldError> {
         let mitres = self.mitres()?;
         let along: Vec<Vec3> = mitres.iter().map(|m| m.along).collect();
@@ -161,7 +159,7 @@ impl Surface {
     /// that turn by more than 150 degrees, where mitres are cut off, and where no mitre fits all elements.
     ///
     /// # Errors
-    /// As [`Surface::shell`].
+    /// [`ScaffoldError::NoNormal`], as [`Surface::shell`].
     pub fn thinnest_wall(&self) -> Result<Option<ThinWall>, ScaffoldError> {
         let mitres = self.mitres()?.into_iter().enumerate();
         let thin = mitres.filter(|(_, m)| m.least_wall < FULL_WALL);

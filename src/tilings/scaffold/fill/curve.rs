@@ -174,7 +174,7 @@ fn relieve(
     for (n, node_tets) in around {
         let start = nodes[n as usize].place;
         let away = start - solid.closest(start).point;
-        // Half a depth more, and so on; the tets on its other side must stay good.
+        // A quarter of the depth more, and so on; the tets on its other side must stay good.
         for share in [0.25, 0.5, 0.75, 1.0, 1.5] {
             nodes[n as usize].place = start + away * share;
             let is_good = node_tets.iter().all(|t| {

@@ -443,8 +443,8 @@ struct InnerPlace {
     size: f64,
 }
 
-/// Adds the points of a cube's body-centred lattice that lie deep enough inside where sizes are about its edge; where
-/// sizes may be less than two thirds of the cube, those of its eighths too.
+/// Adds the points of a cube's body-centred lattice that lie deep enough inside where sizes are about its edge (0.6 to
+/// 1.3 of it, so that lattices overlap); where sizes may be less than 0.65 of it, those of its eighths too.
 fn lattice_points(
     solid: &MeshSolid,
     sizes: &Sizes,
@@ -464,7 +464,7 @@ fn lattice_points(
             }
         }
     }
-    // Sizes grow by at most GROWTH per length: this is the least in the cube.
+    // Sizes grow by at most GROWTH per length: this is the least in the cube, to corners sqrt(3/4) edges away.
     let min_size = size - GROWTH * edge * 0.75f64.sqrt();
     if level + 1 < LEVELS && min_size < 0.65 * edge {
         let near = solid.signed_distance(centre);

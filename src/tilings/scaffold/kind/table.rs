@@ -16,7 +16,7 @@ pub(super) struct Row {
     pub gmsh: u32,
     /// Parametric coordinates times `degree`.
     pub lattice: &'static [[u8; 3]],
-    /// First, last and, if quadratic, mid node.
+    /// First and last node, in the order of the mid nodes.
     pub edges: &'static [[u8; 2]],
     pub faces: &'static [FaceNodes],
     /// VTK node i is Gmsh node `gmsh_order[i]`.

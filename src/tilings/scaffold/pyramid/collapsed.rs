@@ -6,10 +6,9 @@
 //! are the 13 functions of the serendipity pyramid. The trace on a triangle is the quadratic one of
 //! six nodes, that on the base the biquadratic one of nine (or of eight), so neighbours meet.
 //!
-//! J = dx/dxi is again a polynomial in (a, b, h), of degree 2 in each, det J of degree (5, 5, 3): their
-//! Bernstein coefficients bound them as those of other curved elements do. At the apex (h = 0) J
-//! depends on the direction (a, b), and the bounds cover every direction. The volume element is
-//! h^2 da db dh / sqrt 2.
+//! J = dx/dxi is again a polynomial in (a, b, h), of degree 2 in each, det J of degree (5, 5, 3): their Bernstein
+//! coefficients bound them as those of other curved elements do. At the apex (h = 0) J depends on the direction (a, b),
+//! and the bounds cover every direction. The volume element is h^2 da db dh / sqrt 2.
 
 use super::{Affine, ratios};
 use crate::scaffold::bernstein::{Coefficient, Net, index};
@@ -328,10 +327,9 @@ impl Collapsed {
     /// What of a domain within a part of the cube may map into `world`, and a box around it in the cell frame. `part`
     /// is that of `net`; `domain` lies in it. `None` proves that nothing maps into `world`.
     ///
-    /// With m the middle, R the radius of the domain and q half the second derivatives by r times R R,
-    /// F(r) in c +- h implies |J (xi' - m') - (c - F(m))| <= h + q, where xi' is linear in r and differs
-    /// from xi by at most (`R_a R_h`, `R_b R_h`, 0). The flag states that the box is within a small factor of
-    /// the preimage's own.
+    /// With m the middle, R the radius of the domain and q half the second derivatives by r times R R, F(r) in c +- h
+    /// implies |J (xi' - m') - (c - F(m))| <= h + q, where xi' is linear in r and differs from xi by at most (`R_a
+    /// R_h`, `R_b R_h`, 0). The flag states that the box is within a small factor of the preimage's own.
     fn contract(
         &self,
         net: &Net<Vec3>,
@@ -394,6 +392,7 @@ impl Collapsed {
             if (0..3).any(|a| next.0[a] > next.1[a]) || cell_box.is_empty() {
                 return None;
             }
+            // An edge fell below 3/4, with half edges in `radius`.
             let shrunk = (0..3).any(|a| next.1[a] - next.0[a] < 1.5 * radius[a]);
             (min, max) = next;
             let adds = |share: f64| (0..3).all(|a| excess[a] <= share * linear[a] + 1e-9);
