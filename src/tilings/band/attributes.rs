@@ -182,7 +182,7 @@ impl AttributeStore {
         mut visit: impl FnMut(Coord, &[u64; 8], &[f32]),
     ) -> Result<(), StoreError> {
         // Leaves come in slabs of blocks with one x. Only the cursors of a slab are open; they share the memory for
-        // reading ahead.
+        // reading ahead: at least a leaf and at most 256 KiB each.
         let mut slab = None;
         let mut ahead = MAX_LEAF_BYTES;
         let mut cursors: HashMap<Coord, Cursor> = HashMap::new();
@@ -211,6 +211,7 @@ struct Cursor {
     /// Bytes of the block read so far.
     read: u64,
     buffer: Vec<u8>,
+    /// Bytes of the buffer returned so far.
     used: usize,
 }
 

@@ -17,7 +17,7 @@ pub(super) fn merge_solids(
     values: &mut [f32; VOXELS],
     bits: &mut LeafBits,
 ) {
-    // One function costs less than a nanosecond a voxel; the search would take half as much again.
+    // One smooth function has no contacts, and is so fast that the search would take half as much time again.
     if !culler.field.may_touch() {
         return;
     }

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 /// How much to sample.
 #[derive(Clone, Copy, Debug)]
 pub struct Sampling {
-    /// Leaves to evaluate; all of them if there are fewer.
+    /// Leaves to evaluate, at least 2, else errors are not numbers; all of them if there are fewer.
     pub leaves: usize,
     /// Seed of the random generator; the same seed gives the same estimate.
     pub seed: u64,
@@ -56,9 +56,8 @@ pub struct Estimate {
 }
 
 impl Band<'_> {
-    /// Predicts the result of [`Band::evaluate`]: culls all leaves and evaluates a stratified sample. The
-    /// leaves, in order of block and origin, are divided into runs of equal length; one leaf is drawn from
-    /// each.
+    /// Predicts the result of [`Band::evaluate`]: culls all leaves and evaluates a stratified sample. The leaves, in
+    /// order of block and origin, are divided into runs of equal length; one leaf is drawn from each.
     ///
     /// # Errors
     /// As [`Band::evaluate`]; a value that is not finite is found only if it is sampled.

@@ -15,8 +15,7 @@ use druse_geometry::progress::{Cancelled, Progress, Threads};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Greatest number of leaves in a batch. A batch is one call of the field; cancellation is checked
-/// between batches.
+/// Greatest number of leaves in a batch. A batch is one call of the field; cancellation is checked between batches.
 const BATCH_LEAVES: usize = 32;
 /// Greatest number of leaves in a slab; one x layer of a block has at most as many.
 const SLAB_LEAVES: usize = (BLOCK_EDGE_LEAVES * BLOCK_EDGE_LEAVES) as usize;
@@ -82,10 +81,9 @@ impl Band<'_> {
 /// Evaluates one block: culls, then evaluates, activates and delivers its leaves slab by slab. `origin` is the block's
 /// least voxel.
 ///
-/// A leaf's mask depends on the signs of its neighbours, so two slabs of values are in memory at a
-/// time: the slab to deliver, and the next one, whose signs it needs. A slab of complete leaves is
-/// delivered at once, while its values are in the cache. Leaves proved to have no active voxels have no
-/// values.
+/// A leaf's mask depends on the signs of its neighbours, so two slabs of values are in memory at a time: the slab to
+/// deliver, and the next one, whose signs it needs. A slab of complete leaves is delivered at once, while its values
+/// are in the cache. Leaves proved to have no active voxels have no values.
 fn evaluate_block(
     culler: &Culler,
     origin: Coord,
@@ -139,8 +137,7 @@ fn evaluate_block(
     Ok(stats)
 }
 
-/// Evaluates one leaf, clamped to the band; returns the bits of its values and the number of samples
-/// evaluated.
+/// Evaluates one leaf, clamped to the band; returns the bits of its values and the number of samples evaluated.
 ///
 /// # Errors
 /// A value that is not finite.
@@ -500,6 +497,7 @@ impl OuterLayer {
         if inactive == [0; 8] {
             return None;
         }
+        // Voxel a of the face is next to samples a to a + 2 of the layer, whose first is -1.
         let mut needed = [0; SPAN * SPAN];
         for (a, row) in inactive.into_iter().enumerate() {
             let row = row | row << 1 | row << 2;

@@ -64,8 +64,7 @@ pub struct MovedLeaf {
 }
 
 impl MovedLeaf {
-    /// Restores the old active values of the leaf that are smaller in magnitude than the old background (world
-    /// units).
+    /// Restores the old active values of the leaf that are smaller in magnitude than the old background (world units).
     pub fn keep(&mut self, before: &LeafRef<'_>, background: f32) {
         // Values at the background are clamped ones, up to rounding.
         let near = background * (1.0 - 1e-5);
@@ -203,6 +202,7 @@ impl SurfacePoints {
     /// distance may exceed the reach.
     pub(super) fn distance(&self, origin: Coord, place: Vec3) -> Option<(f64, Vec3)> {
         let mut best: Option<(f64, &Point, Vec3)> = None;
+        // A place lies up to a voxel beyond the leaf's samples.
         for step in search::around(self.reach(0.0) + 1.0) {
             let [x, y, z] = step.map(|s| LEAF * s);
             let Some(number) = self.index.get(origin.offset(x, y, z)) else {

@@ -1,9 +1,8 @@
 //! Smoothing of a band: box mean, Gaussian and Laplacian flow, each followed by tracking.
 //!
-//! The steps and their order are those of OpenVDB's `LevelSetFilter` with `FIRST_BIAS`; the values agree to
-//! rounding. Leaves are processed in parallel between two buffers, so that the result does not depend on
-//! the number of threads. Voxels without a leaf have the sign of the nearest voxel of a leaf, as in every
-//! closed band.
+//! The steps and their order are those of OpenVDB's `LevelSetFilter` with `FIRST_BIAS`; the values agree to rounding.
+//! Leaves are processed in parallel between two buffers, so that the result does not depend on the number of threads.
+//! Voxels without a leaf have the sign of the nearest voxel of a leaf, as in every closed band.
 
 use druse_geometry::frame::Coord;
 use druse_geometry::progress::{Cancelled, Progress};
@@ -108,8 +107,7 @@ impl Smoother {
         }
     }
 
-    /// The current leaves: the original ones, even without active voxels, then new ones; in no particular
-    /// order.
+    /// The current leaves: the original ones, even without active voxels, then new ones; in no particular order.
     pub fn leaves(&self) -> impl Iterator<Item = LeafRef<'_>> {
         (0..self.pool.len())
             .filter(|&n| self.pool.is_original(n) || self.pool.masks[n] != [0; 8])
@@ -120,7 +118,7 @@ impl Smoother {
             })
     }
 
-    /// A box mean over `2 width + 1` voxels a side, and tracking. Runs on the caller's thread pool.
+    /// A box mean over `2 width + 1` voxels a side, and tracking. A width of 0 counts as 1. Runs on the caller's pool.
     ///
     /// # Errors
     /// [`Cancelled`]; the band is then unusable.

@@ -1,9 +1,8 @@
 //! Networks: struts and plates of cells, mapped through the elements of a scaffold.
 //!
-//! A strut is straight in an affine element and a polyline in a curved one, bisected until the deviation of
-//! its chords from the curve is within the given error. Parts that neighbours share on faces and edges are
-//! stored once: those whose corners coincide up to 1e-7 of half the scaffold's diagonal. A part is clipped to its
-//! element.
+//! A strut is straight in an affine element and a polyline in a curved one, bisected until the deviation of its chords
+//! from the curve is within the given error. Parts that neighbours share on faces and edges are stored once: those
+//! whose corners coincide up to 1e-7 of half the scaffold's diagonal. A part is clipped to its element.
 
 use crate::scaffold::{ElementMap, Scaffold};
 use druse_geometry::frame::{CellPoint, Element, Mat3, Vec3};
@@ -158,6 +157,7 @@ pub(super) struct Strut {
     pub reference: [Vec3; 2],
     /// A bit for each cell that contains the segment.
     pub cells: u8,
+    /// Number of elements whose radii are summed.
     shared: u32,
 }
 

@@ -148,6 +148,7 @@ impl Slab {
     /// Signed distance and the nearest centre, if that lies within the triangle.
     fn nearest(&self, p: Vec3) -> Option<(f64, Vec3)> {
         let x = p - self.from;
+        // The nearest ball's centre is |h| g / sqrt(1 - g^2) beside the foot of p: the value is |h| sqrt(1 - g^2) - r.
         let h = x.dot(&self.normal);
         let foot = x - self.normal * h + self.radius_gradient * (h.abs() / self.cosine);
         let inside = self

@@ -1,8 +1,7 @@
 //! Distances from a few beams and plates at the samples of a box, eight samples at a time.
 //!
-//! Coordinates are in single precision relative to the middle of the samples. The axis of a beam starts at
-//! its point nearest to that middle, so that coordinates are as small as the box and its surroundings for
-//! beams of any length.
+//! Coordinates are in single precision relative to the middle of the samples. The axis of a beam starts at its point
+//! nearest to that middle, so that coordinates are as small as the box and its surroundings for beams of any length.
 // Small functions of a hot path, inlined so that they are compiled for the target features of the caller.
 // The compiler does not propagate target features into closures, so lane arithmetic is outside closures.
 #![allow(clippy::inline_always)]
@@ -204,7 +203,7 @@ fn to_axis<L: Lanes>(l: L, axis: &NearAxis, at: [f32; 2], zs: L::F, tapers: bool
     l.sub(away, l.splat(axis.radius))
 }
 
-/// Distances of a row from the interior of a plate; `otherwise` where the foot point is outside it.
+/// Distances |h| sqrt(1 - g^2) - r of a row from the interior of a plate; `otherwise` where the foot is outside it.
 #[inline(always)]
 fn to_slab<L: Lanes>(l: L, slab: &NearSlab, at: [f32; 2], zs: L::F, otherwise: L::F) -> L::F {
     let height = l.magnitude(affine(l, slab.normal, at, zs, slab.height));

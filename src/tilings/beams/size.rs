@@ -1,8 +1,7 @@
 //! Sizes of a network: diameters along its struts, thicknesses over its plates.
 //!
-//! A beam's radius is linear along it. Where the requested diameter is not linear, the strut is bisected,
-//! down to an eighth of its length, until the radius is within the tolerance. A plate is divided into
-//! sixteen parts.
+//! A beam's radius is linear along it. Where the requested diameter is not linear, the strut is bisected, down to an
+//! eighth of its length, until the radius is within the tolerance. A plate is divided into sixteen parts.
 
 use super::network::{Facet, Strut, subdivided};
 use super::{Beam, Network, Plate};
@@ -246,7 +245,7 @@ impl Samples {
     /// Adds the plates of a facet with the samples of [`triangle_points`] from `first` on: one, or `count^2` where the
     /// radius is not linear within the tolerance. Plates whose corners all have radius 0 are left out.
     fn plates(&self, first: usize, count: usize, tolerance: f64, out: &mut Vec<Plate>) {
-        // Index in the order of `triangle_points`.
+        // Index in the order of `triangle_points`: row i has count + 1 - i of them.
         let number = |i: usize, j: usize| first + i * (2 * count + 3 - i) / 2 + j;
         let whole = [number(0, 0), number(count, 0), number(0, count)];
         let [a, b, c] = whole.map(|n| self.radii[n]);

@@ -77,6 +77,7 @@ impl Patch {
             faces: triangles,
             lower,
             upper,
+            // `Region::max` is the region's own: the patch above owns the vertices one voxel further.
             max_x: region.max[0].saturating_add(1),
         }
     }

@@ -17,8 +17,8 @@ const MAX_STEPS: usize = 40;
 /// Minimum distance of a vertex from the ends of its edge in double precision, voxels.
 pub(super) const MIN_MARGIN: f64 = 1e-3;
 
-/// Minimum distance of a vertex from the ends of its edge, voxels: 1e-3, or four roundings to `f32` of the
-/// greatest coordinate (voxels).
+/// Minimum distance of a vertex from the ends of its edge, voxels: 1e-3, or four roundings to `f32` of the greatest
+/// coordinate (voxels), but at most a quarter.
 pub(super) fn margin(max_coordinate: f64) -> f64 {
     (4.0 * max_coordinate * f64::from(f32::EPSILON)).clamp(MIN_MARGIN, 0.25)
 }

@@ -77,6 +77,7 @@ impl HexGrid {
             return None;
         }
         let h = options.voxel_size;
+        // The limits are those of `newton_distance`, with the tolerance of a zero in single precision.
         let rule = RuleQ {
             damping: (DAMPING_FRACTION * slope_rms).powi(2) as f32,
             max_step: max_step as f32,

@@ -61,7 +61,7 @@ pub struct Certificate {
     pub crease_degrees_p99: f64,
     /// Greatest crease, degrees.
     pub crease_degrees_max: f64,
-    /// The five points with the largest jumps, the worst first.
+    /// The points with the largest jumps of at most five faces, one of each, the worst first.
     pub worst: Vec<Discontinuity>,
     /// Greatest jump on the faces of each element.
     pub jump_of_element: Vec<f64>,

@@ -49,6 +49,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 continue;
             };
             let patch = self.patch(local, near_index);
+            // omega is 1 at the face, and 0 where the depth reaches delta: from there on the owner counts alone.
             let weight = 1.0 - preimage.outside_distance.max(depth) / delta;
             if weight > 0.0 {
                 let (f, g) = self.slope(patch.number() as u32, &preimage);

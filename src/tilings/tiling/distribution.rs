@@ -50,7 +50,7 @@ impl<'a> Distribution<'a> {
     /// `count` quantities at each of the interpolation's places.
     ///
     /// # Errors
-    /// The expected number of values, if that of `values` differs.
+    /// The expected number of values, if that of `values` differs or `count` is not 1 to [`MAX_QUANTITIES`].
     pub fn new(
         scaffold: &'a Scaffold,
         interpolation: Interpolation,

@@ -8,7 +8,7 @@ pub enum TilingError {
     Shape {
         /// Name of the cell's element.
         cell: &'static str,
-        /// Number of the first element that differs.
+        /// The first element that differs, by its place in the scaffold, from 0.
         number: usize,
         /// Name of its shape.
         found: &'static str,
@@ -34,7 +34,7 @@ pub enum TilingError {
     /// Weights whose sum is not positive and finite.
     #[error("the weights at ({}, {}, {}) sum to {sum}; expected a positive, finite sum", at[0], at[1], at[2])]
     Weights {
-        /// The node, world coordinates.
+        /// The node or control point, world coordinates.
         at: [f64; 3],
         /// Their sum there.
         sum: f64,

@@ -174,6 +174,7 @@ impl<F: Filling> TiledSolid<'_, F> {
     /// Bound of the change of |F| over a length within near elements, if |F| <= L w at one end: L bounds the
     /// slope near the surface, and a larger bound holds further away.
     pub(super) fn max_change(&self, near: &NearElements, length: f64) -> f64 {
+        // The part of the length that is no longer near the surface.
         let face_distance = (length - near_surface_distance(self.options)).max(0.0);
         near.slope_sup * (length - face_distance) + near.slope_sup_anywhere * face_distance
     }

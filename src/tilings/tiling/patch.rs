@@ -419,8 +419,8 @@ impl Patch {
         StepLimits::new(self.slope_rms, self.slope_sup, half_width, voxel_size)
     }
 
-    /// Bound of the error, in reference units, of a local map at four points; infinite for pyramids, whose map
-    /// is no polynomial.
+    /// Bound of the error, in reference units, of a local map at four points; 0 in affine elements, infinite in other
+    /// pyramids, whose map is no polynomial.
     pub fn local_map_error(
         &self,
         scaffold: &Scaffold,

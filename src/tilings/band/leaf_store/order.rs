@@ -68,6 +68,7 @@ struct Cursor<'a> {
     /// Number of the current chunk, and its bytes read so far.
     position: (usize, u32),
     buffer: Vec<u8>,
+    /// Bytes of the buffer that leaves were read from.
     used: usize,
 }
 
@@ -104,6 +105,7 @@ impl<'a> Cursor<'a> {
             self.buffer.drain(..self.used);
             self.used = 0;
             let failed = |e| store.io_error(self.block.file, e);
+            // No cursor keeps its file open: a slab may have thousands of cursors.
             let mut file = File::open(&store.files[self.block.file]).map_err(failed)?;
             let more = (left as usize).min(ahead);
             let start = chunk.start + u64::from(self.position.1);

@@ -2,8 +2,7 @@
 //!
 //! The eight samples are the eight lanes of a row. Lengths are in voxels from the leaf's first sample until the last
 //! step, which turns them into world units. The formula is that in the head of [`super`].
-// Inlined so that the code is compiled for its caller's target features; closures with SIMD arithmetic would
-// not be.
+// Inlined so that the code is compiled for its caller's target features; closures with SIMD arithmetic would not be.
 #![allow(clippy::inline_always)]
 
 use super::candidates::{CandidateTest, Cube, NearestToCentre, PointList};
@@ -246,7 +245,7 @@ fn distances<L: Lanes>(
         l.fused(height, curvature, one),
         l.splat(MIN_CURVATURE_FACTOR),
     );
-    // k |t|^2 / (2 (1 + h k)).
+    // k |t|^2 / (2 (1 + h k)), kept between -MAX_CURVATURE_REDUCTION and a voxel.
     let correction = l.mul(l.splat(0.5), l.div(curvature_term, factor));
     let correction = l.min(l.max(correction, l.splat(-MAX_CURVATURE_REDUCTION)), one);
     // If a voxel's sign disagrees with its side of the tangent plane, its distance is zero.

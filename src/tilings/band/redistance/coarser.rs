@@ -1,7 +1,7 @@
 //! Distances on voxels of twice the edge, from the points that finer voxels determine.
 //!
-//! Voxel c of the coarser lattice is voxel 2 c of the finer one. Values are computed at every second voxel
-//! only, from the same points as a wider band of the finer lattice.
+//! Voxel c of the coarser lattice is voxel 2 c of the finer one. Values are computed at every second voxel only, from
+//! the same points as a wider band of the finer lattice. The band is that of [`SurfacePoints::with_background`].
 
 use super::super::leaf::LEAF;
 use super::block::OffsetLengths;
@@ -14,7 +14,7 @@ const EDGE: i32 = 2 * LEAF;
 /// Distance along an axis, finer voxels, between the samples of a coarser leaf and the points of the finer leaf
 /// that begins `step` finer leaves after it.
 fn gap(step: i32) -> f32 {
-    // A point belongs to the leaf of the voxel before it, and lies up to one voxel beyond.
+    // Samples lie at 0 to EDGE - 2. A point belongs to the leaf of the voxel before it, up to one voxel beyond.
     let before = -(LEAF * step + LEAF);
     let after = LEAF * step - (EDGE - 2);
     before.max(after).max(0) as f32

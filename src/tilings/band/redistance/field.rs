@@ -1,11 +1,10 @@
 //! The signed distance to another field's zero set, at any point, from points of that surface.
 //!
-//! The source field is sampled on the voxel lattice in a thin band around its zero set. Distances are
-//! those of [`SurfacePoints`], so they are true distances up to `reach`, whatever the source's values are.
-//! Samples are made on demand in blocks of [`BLOCK_EDGE`] voxels. The points of the surface in a block are found on
-//! demand too, from the samples in it and one leaf around it. A block of distances uses all points within reach of
-//! its voxels, and all blocks share one lattice. So values depend neither on which blocks are kept nor on threads
-//! nor on bricks.
+//! The source field is sampled on the voxel lattice in a thin band around its zero set. Distances are those of
+//! [`SurfacePoints`], so they are true distances up to `reach`, whatever the source's values are. Samples are made on
+//! demand in blocks of [`BLOCK_EDGE`] voxels. The points of the surface in a block are found on demand too, from the
+//! samples in it and one leaf around it. A block of distances uses all points within reach of its voxels, and all
+//! blocks share one lattice. So values depend neither on which blocks are kept nor on threads nor on bricks.
 //!
 //! phi < 0 where the source is negative. Lengths are in world units.
 
@@ -285,7 +284,7 @@ impl<'a> ClosestPointField<'a> {
         Some(take(leaf))
     }
 
-    /// The first voxel of a lattice whose samples are voxels.
+    /// The first voxel of a lattice whose samples are voxels; `None` for others.
     fn first_voxel(&self, lattice: &SampleLattice<WorldPoint>) -> Option<Coord> {
         let h = self.transform.voxel_size();
         let voxel = Coord((lattice.origin.0 / h).map(|c| c.round() as i32).into());
@@ -294,7 +293,8 @@ impl<'a> ClosestPointField<'a> {
         (is_voxel && (lattice.step - h).abs() <= 1e-9 * h).then_some(voxel)
     }
 
-    /// The unsigned distance at a point and the direction away from the surface; `None` beyond the reach.
+    /// The unsigned distance at a point and the direction away from the surface; `None` beyond the reach, NaN where the
+    /// block has no points because of a value that is not finite.
     fn nearest(&self, p: WorldPoint) -> Option<(f64, Vec3)> {
         let h = self.transform.voxel_size();
         let voxel = p.0 / h;

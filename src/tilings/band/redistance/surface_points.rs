@@ -19,7 +19,7 @@ const EDGE: usize = 11;
 const STRIDES: [usize; 3] = [EDGE * EDGE, EDGE, 1];
 /// Second difference from which values count as next to a kink, voxels.
 const KINK: f32 = 0.5;
-/// Steps of the secant method along an edge.
+/// Fixed-point steps to the zero of the cubic along an edge.
 const STEPS: usize = 3;
 
 /// Steps to the leaves along an axis, in voxels, and which voxels are taken from there.

@@ -18,6 +18,7 @@ use druse_geometry::frame::{Coord, Vec3};
 const WINDOW: f32 = 3.0;
 /// Voxels that are read beyond each face of a leaf: the window, and one for differences.
 const PADDING: i32 = 4;
+/// Voxels along a leaf with its padding, and one more above, as points lie up to a voxel beyond the leaf.
 const EDGE: usize = 17;
 const STRIDES: [usize; 3] = [EDGE * EDGE, EDGE, 1];
 /// Second differences of a point on or beside an edge are at least this, voxels.
@@ -317,8 +318,7 @@ fn samples(v: &[f32], [xs, ys, zs]: [[usize; 2]; 3]) -> Vec<Sample> {
     found
 }
 
-/// The square of the norm of the second differences at a voxel: what bends along a diagonal shows in the mixed
-/// ones.
+/// The square of the norm of the second differences at a voxel: what bends along a diagonal shows in the mixed ones.
 fn bend_squared(v: &[f32], at: usize) -> f32 {
     let pure = STRIDES.map(|s| v[at + s] - 2.0 * v[at] + v[at - s]);
     let [x, y, z] = STRIDES;
@@ -409,7 +409,7 @@ fn wedge(p: Vector, samples: &[Sample]) -> Option<Wedge> {
     is_on.then_some(wedge)
 }
 
-/// The plane of the points whose normals are about the same, and how many they are; none if they bend.
+/// The plane of the points whose normals are about the same, and how many they are; none if they bend or are few.
 fn plane_of(about: Vector, near: &[Sample]) -> Option<(Plane, usize)> {
     let own = || {
         near.iter()

@@ -95,7 +95,7 @@ pub(super) const FIRST_EIGHT_STEPS: [f64; 8] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.
 pub(super) const NEXT_EIGHT_STEPS: [f64; 8] = [8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
 
 /// The box that the elements fill, the centre of one element and the elements' size, if they are equal
-/// axis-parallel hexes that form a box, with the same orientation unless `any_numbering` is allowed.
+/// axis-parallel hexes that form a box, up to rounding, with the same orientation unless `any_numbering` is allowed.
 pub(super) fn grid(scaffold: &Scaffold, any_numbering: bool) -> Option<(Aabb, Vec3, Vec3)> {
     let (mut bounds, mut size) = (Aabb::EMPTY, None::<Vec3>);
     let mut centres = Vec::with_capacity(scaffold.len());

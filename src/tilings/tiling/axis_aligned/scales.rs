@@ -123,8 +123,7 @@ impl Scales {
         })
     }
 
-    /// Repeats the first `wrapped` entries of each row at its end, so that the entries after any entry are
-    /// consecutive.
+    /// Repeats the first `wrapped` entries of each row at its end, so that the entries after any entry are consecutive.
     fn with_wrapped_rows(mut self, wrapped: usize) -> Self {
         let count = self.counts[2];
         let rows = self.values.chunks_exact(count);
@@ -157,7 +156,7 @@ impl Scales {
         self.id = NEXT_ID.fetch_add(1, Ordering::Relaxed);
         self.nodes = nodes;
         for (n, target) in self.targets.iter_mut().enumerate() {
-            // The nodes extend a little beyond the leaf.
+            // Chebyshev nodes of a leaf larger by 8 %: the outermost lie at its ends or just beyond.
             let angle = std::f64::consts::PI * (n as f64 + 0.5) / nodes as f64;
             *target = -1.08 * libm::cos(angle);
         }
@@ -261,6 +260,7 @@ impl Scales {
         let mut at = [0i64; MAX_POLYNOMIAL_NODES];
         let inner = (self.nodes - 1) / 2;
         let target = |n: usize| (middle + half * self.targets[n]).round() as i64;
+        // Of an even number, the inner two lie on both sides of the middle.
         at[inner] = target(inner).min(if self.nodes.is_multiple_of(2) {
             middle.floor() as i64
         } else {

@@ -132,7 +132,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         scales.resize(contributions.len(), 0.0);
         let count = contributions.len().max(first_steps.len());
         first_steps.resize(count, FirstStep::default());
-        // First Newton step of all points with one element and one local map, which share its limits and map.
+        // First Newton step of all points with one element and one local map, four in a `FirstStep`.
         let (mut first, mut next_inverse, mut first_step) = (0, 0, 0);
         for run in contributions
             .chunk_by(|a, b| (a.near_index, a.local_map) == (b.near_index, b.local_map))

@@ -135,6 +135,7 @@ pub(super) struct Faces {
     pub list: Vec<Shared>,
     /// By element and face, the place in the list; [`u32::MAX`] for others.
     places: Vec<u32>,
+    /// By element, the entry of its first face in `places`.
     starts: Vec<u32>,
 }
 
