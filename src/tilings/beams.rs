@@ -1,11 +1,10 @@
 //! Unions of round beams and plates in world space, as one distance field.
 //!
-//! The solid is the union of balls swept along segments ([`Beam`]) and over triangles ([`Plate`]), with
-//! linear radii. A value is the minimum of the parts' exact distances: exact outside and within any single
-//! part; where parts overlap, the depth is that of the deepest part. The field is 1-Lipschitz, which all
-//! bounds use. A tree over the parts' bounding boxes finds the parts near a leaf, and parts that are
-//! farther than another one everywhere in the leaf are omitted. [`Beams::with_fillet`] rounds the corners
-//! between parts.
+//! The solid is the union of balls swept along segments ([`Beam`]) and over triangles ([`Plate`]), with linear radii. A
+//! value is the minimum of the parts' exact distances: exact outside and within any single part; where parts overlap,
+//! the depth is that of the deepest part. The field is 1-Lipschitz, which all bounds use. A tree over the parts'
+//! bounding boxes finds the parts near a leaf, and parts that are farther than another one everywhere in the leaf are
+//! omitted. [`Beams::with_fillet`] rounds the corners between parts.
 //!
 //! [`Network`] maps the struts and plates of a cell through the elements of a scaffold. [`Cut`] clips the
 //! solid at the scaffold's outer faces. [`Rods`] are cones with flat or hemispherical ends.
@@ -159,7 +158,8 @@ impl Beams {
             max: centre,
         };
         let far = radius + reach;
-        // Fillets extend to farther parts.
+        // A part beyond least + 2 radius from the centre is farther than the nearest throughout the ball; fillets
+        // extend to farther parts.
         let rounding = self.fillet_reach(radius);
         let mut least = f64::INFINITY;
         self.tree
@@ -479,7 +479,8 @@ impl Field for Beams {
             scratch.near.push(&self.parts[slot as usize], centre);
         }
         let at = CENTRES.map(|m| ((m - half) * step) as f32);
-        scratch.values.fill((outer + reach) as f32);
+        // Where no part is near, a leaf is outside.
+        scratch.values.fill(outer as f32);
         rows::lower_to_distances(&scratch.near, &at, &at, &at, &mut scratch.values);
         let (mut not_inside, mut not_outside) = (0u64, 0u64);
         let limits = [(band[0] - reach) as f32, outer as f32];

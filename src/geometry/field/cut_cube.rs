@@ -26,7 +26,7 @@ pub fn cube_share(height: f64, slope: [f64; 3]) -> (f64, f64, [f64; 3]) {
     let side = if height > 0.0 { -1.0 } else { 1.0 };
     let from_corner = side * height + half;
     let volume = 6.0 * n[0] * n[1] * n[2];
-    // Inclusion and exclusion over the corners c: share = sum of (-1)^|c| max(0, from_corner - n.c)^3 / (6 n_x n_y n_z).
+    // Inclusion and exclusion over the corners c: share = sum (-1)^|c| max(0, from_corner - n.c)^3 / (6 n_x n_y n_z).
     let (mut share, mut by_height, mut by_n) = (0.0, 0.0, [0.0; 3]);
     for corner in 0..8 {
         let at = [corner & 1, corner >> 1 & 1, corner >> 2].map(f64::from);
@@ -42,10 +42,10 @@ pub fn cube_share(height: f64, slope: [f64; 3]) -> (f64, f64, [f64; 3]) {
         share += sign * depth.powi(3) / volume;
         // The derivative by the depth. The depth grows with half of each n_a, and falls by n_a at corners at the far
         // end of axis a.
-        let slope = 3.0 * sign * depth * depth / volume;
-        by_height += slope;
+        let by_depth = 3.0 * sign * depth * depth / volume;
+        by_height += by_depth;
         for a in 0..3 {
-            by_n[a] += slope * (0.5 - at[a]);
+            by_n[a] += by_depth * (0.5 - at[a]);
         }
     }
     // The denominator depends on n as well.

@@ -1,10 +1,9 @@
 //! Boundary edges of a surface, and how much they let the winding number vary.
 //!
-//! The boundary is a chain of edges; it is empty exactly when the triangles form a cycle (every side as often
-//! forward as backward). Then the winding number w is an integer that changes only at the surface.
-//! Otherwise, at distance r, |grad w| is at most the sum of length / (4 pi r^2) over the boundary edges (the
-//! law of Biot and Savart), and at most the sum of area / (2 pi r^3) over any triangles with this boundary,
-//! which are a layer of dipoles.
+//! The boundary is a chain of edges; it is empty exactly when the triangles form a cycle (every side as often forward
+//! as backward). Then the winding number w is an integer that changes only at the surface. Otherwise, at distance r,
+//! |grad w| is at most the sum of length / (4 pi r^2) over the boundary edges (the law of Biot and Savart), and at most
+//! the sum of area / (2 pi r^3) over any triangles with this boundary, which are a layer of dipoles.
 
 use super::falloff::Falloff;
 use super::half_edges::BoundaryEdge;
@@ -48,20 +47,20 @@ impl BoundaryEdges {
     }
 
     /// A bound on the variation of the winding number within `radius` of `centre`, without its jumps at the
-    /// surface, plus the error of its approximation; infinite if the boundary comes that near or the bound
-    /// exceeds 1.
+    /// surface, plus the error of its approximation; infinite if the boundary comes that near or both bounds exceed 1.
     pub(crate) fn winding_variation(&self, centre: Vec3, radius: f64) -> f64 {
         // The error of the expansions of distant groups.
         const FAR_FIELD_ERROR: f64 = 0.05;
         if radius == 0.0 {
             return FAR_FIELD_ERROR;
         }
-        let (length, area) = (radius / (4.0 * PI), radius / (2.0 * PI));
-        let by_edges = length * self.edges.sum(centre, radius, 2, 1.0 / length);
+        // The radius times |grad w|; a sum of more than 1 is infinite.
+        let (edge_factor, area_factor) = (radius / (4.0 * PI), radius / (2.0 * PI));
+        let by_edges = edge_factor * self.edges.sum(centre, radius, 2, 1.0 / edge_factor);
         if by_edges < MAX_ACCEPTED_VARIATION {
             return by_edges + FAR_FIELD_ERROR;
         }
-        let by_area = area * self.spanning.sum(centre, radius, 3, 1.0 / area);
+        let by_area = area_factor * self.spanning.sum(centre, radius, 3, 1.0 / area_factor);
         by_edges.min(by_area) + FAR_FIELD_ERROR
     }
 }

@@ -1,11 +1,10 @@
 //! The linear pyramid: a cube with its upper side collapsed into the apex.
 //!
-//! With h = 1 - z sqrt 2 (1 at the base, 0 at the apex) the shape functions are
-//! (1/2 -+ x / h) (1/2 -+ y / h) h for the base and 1 - h for the apex, so that the map is affine but
-//! for one term: F(xi) = A xi + b + c q(xi), q = x y / h, where c = X0 - X1 + X2 - X3 states how far the
-//! base is from a parallelogram. Over the pyramid |x|, |y| <= h / 2; the Jacobian
-//! J = A + c grad q depends on (x / h, y / h) in `[-1/2, 1/2]^2` alone, and det J is bilinear in them:
-//! its range is that of the four corners. Pyramids of 13 and 14 nodes are [`Collapsed`].
+//! With h = 1 - z sqrt 2 (1 at the base, 0 at the apex) the shape functions are (1/2 -+ x / h) (1/2 -+ y / h) h for the
+//! base and 1 - h for the apex, so that the map is affine but for one term: F(xi) = A xi + b + c q(xi), q = x y / h,
+//! where c = X0 - X1 + X2 - X3 states how far the base is from a parallelogram. Over the pyramid |x|, |y| <= h / 2; the
+//! Jacobian J = A + c grad q depends on (x / h, y / h) in `[-1/2, 1/2]^2` alone, and det J is bilinear in them: its
+//! range is that of the four corners. Pyramids of 13 and 14 nodes are [`Collapsed`].
 
 mod collapsed;
 
@@ -184,13 +183,13 @@ impl Twisted {
     /// reference length; the lower one is 0 where none is proved.
     pub fn stretch(&self) -> (f64, f64) {
         const TILES: usize = 8;
-        let tile = 0.5 / TILES as f64;
-        // |grad q| changes by at most this much over half a tile.
-        let eta = self.twist.norm() * tile * (2.0 + 0.5 * SQRT_2);
+        let half_tile = 0.5 / TILES as f64;
+        // |J - J(middle)| <= |c| |grad q - grad q(middle)|, less than 2 half tiles times |c|; the rest is slack.
+        let eta = self.twist.norm() * half_tile * (2.0 + 0.5 * SQRT_2);
         let (mut least, mut greatest) = (f64::INFINITY, 0f64);
         for i in 0..TILES {
             for j in 0..TILES {
-                let middle = |i: usize| (2 * i + 1) as f64 * tile - 0.5;
+                let middle = |i: usize| (2 * i + 1) as f64 * half_tile - 0.5;
                 let s = self.jacobian(middle(i), middle(j)).singular_values();
                 least = least.min(s.min() - eta);
                 greatest = greatest.max(s.max() + eta);
@@ -218,21 +217,21 @@ impl Twisted {
 
     /// A box around the points of the closed cell that map into `world`; `None` if there are none.
     ///
-    /// F(xi) = A xi + b + c q with |q - q(m)| <= `r_x` / 2 + `r_y` / 2 + `r_z` / sqrt 8 over a box of middle
-    /// m and half edges r within the pyramid's hull; solved for xi again and again as the box shrinks.
+    /// F(xi) = A xi + b + c q with |q - q(m)| <= `r_x` / 2 + `r_y` / 2 + `r_z` / sqrt 8 over the pyramid in a box, and
+    /// at most 1/2, since |q| <= h / 4. m is the middle of the box, clamped to the pyramid, and r the greatest
+    /// distances from it along the axes. This is solved for xi again and again as the box shrinks.
     pub fn cell_box(&self, world: &Aabb) -> Option<CellBox<3>> {
         let shape = Element::Pyramid;
         let y = self.affine.inverse;
         let mut inner = shape.cell_box();
+        // A degenerate element has no inverse.
         if !y[0].is_finite() {
             return Some(inner);
         }
         let half = world.size() / 2.0;
-        // xi = A^-1 (x - b - c q): the box shrinks as the range of q does.
         for _ in 0..NARROWING_STEPS {
             let radius = (inner.max - inner.min) / 2.0;
             let middle = (inner.max + inner.min) / 2.0;
-            // q at the middle of the box, clamped to the pyramid, and the largest distance of a point from it.
             let h = (1.0 - SQRT_2 * middle.z).max(0.0);
             let within = |c: f64| c.clamp(-h / 2.0, h / 2.0);
             let m = Vec3::new(within(middle.x), within(middle.y), middle.z);
@@ -241,6 +240,7 @@ impl Twisted {
             let q = a * b * h;
             let spread = f64::midpoint(reach.x, reach.y) + reach.z / 8f64.sqrt();
             let size = half + self.twist.abs() * spread.min(0.5);
+            // xi = A^-1 (x - b - c q): the box shrinks as the range of q does.
             let centre = y * (world.centre().0 - self.affine.origin - self.twist * q);
             if beyond_a_face(shape, &centre, &y, &size) {
                 return None;
@@ -252,6 +252,7 @@ impl Twisted {
             };
             grow(&mut next);
             let next = confine(shape, next)?;
+            // An edge fell below 3/4, with half edges in `radius`.
             let shrunk = (0..3).any(|a| next.max[a] - next.min[a] < 1.5 * radius[a]);
             inner = next;
             if !shrunk {
