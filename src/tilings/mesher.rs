@@ -1,12 +1,11 @@
 //! Triangle meshes of a band: closed, oriented, manifold and free of self-intersections.
 //!
-//! Marching cubes (Lorensen and Cline 1987) over the voxel centres. Every voxel edge whose ends differ in
-//! sign carries one **vertex**: at the zero of the linear interpolant, or of the exact field
-//! ([`Mesher::with_exact_field`]). On a **face** of a cell whose corners alternate, the insides stay apart;
-//! both cells of the face apply this rule, so that no crack opens. In each cell the face segments form
-//! **loops** of 3 to 7 vertices. A loop is triangulated as a fan from a vertex without diagonals in a face
-//! of the cell; among these, from the one with the shortest diagonals. Fans meet neither themselves nor
-//! each other, wherever the vertices are on their edges.
+//! Marching cubes (Lorensen and Cline 1987) over the voxel centres. Every voxel edge whose ends differ in sign carries
+//! one **vertex**: at the zero of the linear interpolant, or of the exact field ([`Mesher::with_exact_field`]). On a
+//! **face** of a cell whose corners alternate, the insides stay apart; both cells of the face apply this rule, so that
+//! no crack opens. In each cell the face segments form **loops** of 3 to 7 vertices. A loop is triangulated as a fan
+//! from a vertex without diagonals in a face of the cell; among these, from the one with the shortest diagonals. Fans
+//! meet neither themselves nor each other, wherever the vertices are on their edges.
 //!
 //! Vertices keep a minimum distance from an end of their edge where other crossed edges meet, so that they
 //! stay strictly inside after rounding to `f32`; no triangle degenerates. Where no other does, they lie where

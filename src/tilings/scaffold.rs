@@ -340,7 +340,8 @@ impl Scaffold {
         found.sort_unstable();
     }
 
-    /// The lowest element that contains the point within 1e-9 of its cell's face planes, with the point in its cell.
+    /// The lowest element that contains the point within 1e-9 of its cell's face planes, with the point in its
+    /// cell; `None` outside.
     pub fn locate(&self, p: WorldPoint) -> Option<(u32, CellPoint<3>)> {
         let mut best: Option<(u32, CellPoint<3>)> = None;
         // Rounding may put points on the boundary outside the bounds.

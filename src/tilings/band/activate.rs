@@ -24,8 +24,7 @@ const Z_MAX_BITS: u64 = Z_MIN_BITS << 7;
 const ROW_BITS: u64 = 0xff;
 
 impl Neighbourhood {
-    /// Sets the signs of the leaf in direction `(dx, dy, dz)`, each 0, 1, 2 for -1, 0, 1; (1, 1, 1) is the
-    /// leaf itself.
+    /// Sets the signs of the leaf in direction `(dx, dy, dz)`, each 0, 1, 2 for -1, 0, 1; (1, 1, 1) is the leaf itself.
     pub fn set_leaf(&mut self, [x, y, z]: [usize; 3], negative: &[u64; 8]) {
         let across = 3 * y + z;
         let mut set = |slab: usize, word: u64| {
@@ -75,8 +74,7 @@ impl Neighbourhood {
     }
 }
 
-/// For one x: voxels of the leaf with a set bit among their 3 x 3 neighbours along y and z, themselves
-/// included.
+/// For one x: voxels of the leaf with a set bit among their 3 x 3 neighbours along y and z, themselves included.
 fn dilate(across: &[u64; 9]) -> u64 {
     let along_z = |y: usize| {
         let [before, own, behind] = [across[3 * y], across[3 * y + 1], across[3 * y + 2]];

@@ -76,7 +76,7 @@ pub(super) fn last(
     first: bool,
     known: impl DoubleEndedIterator<Item = (usize, bool)>,
 ) -> bool {
-    // The last line's slots come last, before them its slice's first slots of lines, before those the first of slices.
+    // The last known slot of the last line; else that of the first slots of its slice's lines; else of the slices'.
     let determines_last = |slot: usize| {
         let (x, y, z) = (slot / (edge * edge), slot / edge % edge, slot % edge);
         z == 0 && (y == 0 || x + 1 == edge) || x + 1 == edge && y + 1 == edge

@@ -140,8 +140,7 @@ pub trait LeafSink: Send + Sync {
     /// Any error ends the evaluation.
     fn block(&self, origin: Coord, leaves: &LeafBatch) -> Result<(), SinkError>;
 
-    /// Receives cubes (least voxel, edge) that lie inside and hold no active voxel. Everything that is in
-    /// neither these cubes nor a leaf lies outside. Needed for a part of a band, whose signs do not follow
-    /// from its leaves.
+    /// Receives cubes (least voxel, edge) that lie inside and hold no active voxel. Everything that is in neither these
+    /// cubes nor a leaf lies outside. Needed for a part of a band, whose signs do not follow from its leaves.
     fn inside(&self, _cubes: &[(Coord, i32)]) {}
 }

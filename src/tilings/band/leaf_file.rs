@@ -1,12 +1,11 @@
 //! Leaf files: the leaves of one brick on disk.
 //!
-//! Little-endian. A head of 96 bytes: `DRUSELF1`, the plan (32 bytes: a hash of everything that determines
-//! the values), the brick's number (u64), the half width of the band in world units (f32), 44 zeros. Then
-//! **chunks**, each the leaves of one batch of a block, ascending. A leaf is its slot in the block (u16:
-//! `x << 8 | y << 4 | z` in leaves), its mask (8 x u64, never empty) and its active values (f32, world
-//! units). Then the index, per chunk: block (3 x i32), start (u64), bytes (u32), leaves (u32). Last 48
-//! bytes: number of chunks (u64), start of the index (u64), BLAKE3 of everything before the hash.
-//! Inactive values are not stored: their signs follow from the active ones.
+//! Little-endian. A head of 96 bytes: `DRUSELF1`, the plan (32 bytes: a hash of everything that determines the values),
+//! the brick's number (u64), the half width of the band in world units (f32), 44 zeros. Then **chunks**, each the
+//! leaves of one batch of a block, ascending. A leaf is its slot in the block (u16: `x << 8 | y << 4 | z` in leaves),
+//! its mask (8 x u64, never empty) and its active values (f32, world units). Then the index, per chunk: block (3 x
+//! i32), start (u64), bytes (u32), leaves (u32). Last 48 bytes: number of chunks (u64), start of the index (u64),
+//! BLAKE3 of everything before the hash. Inactive values are not stored: their signs follow from the active ones.
 
 use super::leaf::population;
 use super::{BLOCK, LEAF, LeafBatch, LeafSink, SinkError};

@@ -287,8 +287,7 @@ impl LeafStore {
         self.blocks.get(&block).map(|b| &b.inside)
     }
 
-    /// The number of the file that holds a block, and the block's active voxels; none for a block
-    /// without leaves.
+    /// The number of the file that holds a block, and the block's active voxels; none for a block without leaves.
     pub fn file_of(&self, block: Coord) -> Option<(usize, u64)> {
         let entry = self.blocks.get(&block)?;
         let values =

@@ -1,11 +1,10 @@
 //! Fillets at the corners where beams and plates meet.
 //!
-//! Two parts at distances d1 and d2 below the radius R, with directions g1 and g2 from them, are approximated
-//! by planes. A ball of radius R that touches both from outside has its centre at the displacement x with
-//! x g1 = R - d1 and x g2 = R - d2, and the value is R - |x|. This is the exact distance to the rounded
-//! corner of the planes. Points farther than R from either part keep their values. Where one plane alone
-//! supports the ball, and along a straight strut, the union is unchanged. Of three and more parts, the pair
-//! with the smallest value counts.
+//! Two parts at distances d1 and d2 below the radius R, with directions g1 and g2 from them, are approximated by
+//! planes. A ball of radius R that touches both from outside has its centre at the displacement x with x g1 = R - d1
+//! and x g2 = R - d2, and the value is R - |x|. This is the exact distance to the rounded corner of the planes. Points
+//! farther than R from either part keep their values. Where one plane alone supports the ball, and along a straight
+//! strut, the union is unchanged. Of three and more parts, the pair with the smallest value counts.
 
 use super::part::Part;
 use druse_geometry::frame::Vec3;

@@ -190,8 +190,7 @@ impl Field for Rods {
         }
         let span = lattice.span();
         let (centre, radius) = (span.centre(), span.half_diagonal());
-        // A rod whose distance from the centre exceeds the smallest one by the ball's diameter is never
-        // nearest.
+        // A rod whose distance from the centre exceeds the smallest one by the ball's diameter is never nearest.
         let reach = self.value(centre) + 2.0 * radius * (1.0 + 1e-9);
         let mut near = Vec::new();
         let around = Aabb {

@@ -1,9 +1,8 @@
 //! Signs of voxels, neighbours of leaves, and the edges that carry a vertex.
 //!
-//! A 64-bit word is the slice of a leaf at one x; bit `8 y + z` is a voxel. Voxels without a leaf take the
-//! sign of the nearest voxel of the current leaf: a cell of one sign then stays so, and a cell that
-//! changes sign is found to be open. Zero is outside, and so is what rounding makes of it: a plane through
-//! voxels has the same sign at all of them.
+//! A 64-bit word is the slice of a leaf at one x; bit `8 y + z` is a voxel. Voxels without a leaf take the sign of the
+//! nearest voxel of the current leaf: a cell of one sign then stays so, and a cell that changes sign is found to be
+//! open. Zero is outside, and so is what rounding makes of it: a plane through voxels has the same sign at all of them.
 
 use super::{LeafValues, MesherError};
 use crate::band::{LEAF, Region};

@@ -4,11 +4,10 @@
 //! The quad is assigned to the region that holds the least of these cells on every axis. This rule uses
 //! positions alone, so that it gives the same result for any part of a level set.
 //!
-//! The cell of a vertex is found from its single-precision position. If corners lie in cells on both sides
-//! of a plane, the quad's edge lies in that plane, and every corner is a mean of crossings that include the
-//! crossing of that edge. Rounding may move a corner across this plane; all parts then agree to assign
-//! the quad to the next region. It cannot move it across the far side of its cell, which is at least a
-//! twelfth of a voxel away.
+//! The cell of a vertex is found from its single-precision position. If corners lie in cells on both sides of a plane,
+//! the quad's edge lies in that plane, and every corner is a mean of crossings that include the crossing of that edge.
+//! Rounding may move a corner across this plane; all parts then agree to assign the quad to the next region. It cannot
+//! move it across the far side of its cell, which is at least a twelfth of a voxel away.
 
 use super::patch::{Patch, SeamVertex};
 use crate::band::Region;

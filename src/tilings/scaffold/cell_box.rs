@@ -56,6 +56,7 @@ impl ElementMap<'_> {
     }
 }
 
+/// [`ElementMap::cell_box`] of an affine element: the preimage's own box, within the cell.
 fn of_affine(shape: Element, a: &Affine, world: &Aabb) -> Option<CellBox<3>> {
     // A degenerate element has no inverse.
     if !a.inverse[0].is_finite() {
@@ -216,6 +217,7 @@ fn contract(
         let middle = (inner.min + inner.max) / 2.0;
         let radius = (inner.max - inner.min) / 2.0;
         let (x, j) = c.evaluate(CellPoint(middle));
+        // Where the Jacobian is singular the box stays; it is settled once it is tiny.
         let Some(y) = j.try_inverse() else {
             return Some((inner, radius.amax() < 1e-9));
         };

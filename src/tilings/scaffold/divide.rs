@@ -61,6 +61,7 @@ impl Pattern {
         }
     }
 
+    /// The parts of an element of a kind; `None` where the pattern does not support its shape.
     fn parts(self, kind: Kind) -> Option<Vec<Part>> {
         match (self, kind.shape()) {
             (Self::Repeat(k), Element::Hex) => Some(bricks(kind, [k; 3], [1; 3])),

@@ -1,11 +1,10 @@
 //! Kinds of elements, each a row of one table: nodes, edges, faces, shape functions.
 //!
-//! Nodes stand in VTK order at the lattice points of the element's degree. Shape functions are
-//! polynomials of the parametric coordinates r (barycentrics of the tetrahedron, `[0, 1]^3` of the
-//! hexahedron, both on the wedge); the cell's Cartesian coordinates are affine functions of r. The
-//! map of an element is evaluated in Bernstein form; [`Kind::controls`] gives its control points.
-//! The pyramid is a cube with one side collapsed; its map is rational in the cell's coordinates
-//! (module `pyramid`).
+//! Nodes stand in VTK order at the lattice points of the element's degree. Shape functions are polynomials of the
+//! parametric coordinates r (barycentrics of the tetrahedron, `[0, 1]^3` of the hexahedron, both on the wedge); the
+//! cell's Cartesian coordinates are affine functions of r. The map of an element is evaluated in Bernstein form;
+//! [`Kind::controls`] gives its control points. The pyramid is a cube with one side collapsed; its map is rational in
+//! the cell's coordinates (module `pyramid`).
 //!
 //! Planar kinds carry surfaces; a thickness makes solids of them ([`Kind::thickened`]).
 //!
@@ -28,11 +27,9 @@ pub enum Kind {
     Tet10,
     /// Trilinear hexahedron.
     Hex8,
-    /// Serendipity hexahedron: mid nodes on edges (01) (12) (23) (30) (45) (56) (67) (74) (04) (15)
-    /// (26) (37).
+    /// Serendipity hexahedron: mid nodes on edges (01) (12) (23) (30) (45) (56) (67) (74) (04) (15) (26) (37).
     Hex20,
-    /// Triquadratic hexahedron: the nodes of Hex20, then face centres x- x+ y- y+ z- z+, then the
-    /// centre.
+    /// Triquadratic hexahedron: the nodes of Hex20, then face centres x- x+ y- y+ z- z+, then the centre.
     Hex27,
     /// Triangular prism.
     Wedge6,

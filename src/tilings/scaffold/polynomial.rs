@@ -31,8 +31,7 @@ pub struct Polynomial {
 type Row<T> = (T, [T; 3]);
 
 impl Polynomial {
-    /// Of a map that is such a polynomial, from its values where the coordinates are 0 or +-1/2.
-    /// `powers` must span it.
+    /// Of a map that is such a polynomial, from its values where the coordinates are 0 or +-1/2. `powers` must span it.
     pub(super) fn of(powers: Powers, map: impl Fn(Vec3) -> Vec3) -> Self {
         let places: [[usize; 3]; 27] = std::array::from_fn(|n| [n % 3, n / 3 % 3, n / 9]);
         let values = places.map(|p| {

@@ -33,6 +33,7 @@ struct Renumbering {
 }
 
 impl Renumbering {
+    /// `None` unless the turn maps nodes and faces of the kind onto themselves.
     fn new(kind: Kind, turn: &Mat3) -> Option<Self> {
         let nodes = kind.turned_nodes(turn)?;
         let sorted = |corners: &mut Vec<u8>| corners.sort_unstable();

@@ -81,7 +81,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         all.all(|&e| self.patches[e as usize].is_affine())
     }
 
-    /// The field at the points that are in exactly one element; all near elements must be affine.
+    /// The field at the points that are in exactly one element, `None` at others; all near elements must be affine.
     pub(super) fn field_at<const N: usize>(
         &self,
         near: &NearElements,
@@ -268,6 +268,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         buffers.part_triangles = part_triangles;
     }
 
+    /// Values of all blocks: of most from their centres, of the others in groups of eight.
     fn fill_blocks(&self, context: &FillContext, buffers: &mut AffineBuffers, out: &mut [f32]) {
         let w = self.options.half_width;
         // Larger than rounding errors.

@@ -310,7 +310,7 @@ impl HexGrid {
         (f, g.component_mul(&self.field.periods.rate))
     }
 
-    /// Rule Q with one field.
+    /// Rule Q with one field, with the limits of `newton_distance`.
     fn distance(&self, x: Vec3) -> f64 {
         let w = self.options.half_width;
         let damping = (DAMPING_FRACTION * self.slope_rms).powi(2);

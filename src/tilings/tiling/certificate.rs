@@ -182,7 +182,7 @@ pub fn certify<F: Filling>(scaffold: &Scaffold, filling: &F) -> Certificate {
     certificate
 }
 
-/// The greatest value and the 99th percentile; zeros if there are no values.
+/// The greatest value and the 99th percentile by the nearest rank; zeros if there are no values.
 fn percentiles(values: &mut [f64]) -> (f64, f64) {
     values.sort_unstable_by(f64::total_cmp);
     let Some(&greatest) = values.last() else {

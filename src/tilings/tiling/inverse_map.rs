@@ -182,6 +182,8 @@ impl CurvedMap<'_> {
         });
     }
 
+    /// The preimages of four points by Newton steps from the local map's estimates. `None` stays where these do not
+    /// converge, or the map is singular.
     #[inline(always)]
     fn preimages_of_row<L: Lanes>(
         &self,

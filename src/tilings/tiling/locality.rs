@@ -318,7 +318,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         FACE_TOLERANCE * x.amax().max(self.options.voxel_size) + FACE_TOLERANCE * self.delta()
     }
 
-    /// The element with the lowest number that contains a point.
+    /// The near element with the lowest number that contains a point; `None` if none does.
     pub(super) fn owner(&self, local: &mut LocalSearch, x: Vec3) -> Option<Owner> {
         let margin = self.rounding(x);
         let near = &local.near.patches;

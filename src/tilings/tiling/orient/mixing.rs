@@ -117,7 +117,7 @@ pub(super) fn mixture(
     Some(Mixture::new(mixed))
 }
 
-/// The weights of the sheets around a node.
+/// The weights of the sheets around a node; `None` where one does not continue in a single sheet, there and back.
 fn node_weights(
     search: &Search,
     faces: &Faces,

@@ -140,6 +140,7 @@ pub(super) struct Faces {
 }
 
 impl Faces {
+    /// The shared faces in the order of their lower sides, by element and face.
     pub fn new(scaffold: &Scaffold, views: &Views) -> Self {
         let mut starts = Vec::with_capacity(scaffold.len());
         let mut count = 0;

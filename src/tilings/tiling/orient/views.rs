@@ -103,6 +103,7 @@ impl Views {
         self.next[usize::from(shown) * self.count + usize::from(view)][usize::from(is_mirror)]
     }
 
+    /// Compares the cells of all members in each pair of views; the rank is that of the member that continues worst.
     fn fill_ranks(&mut self, members: &[Member<Cell>]) {
         // The restrictions of every cell to every view, with the slope that its differences are measured by.
         let mut shown: Vec<(Vec<Restriction>, Frame, usize)> = Vec::new();
@@ -167,6 +168,7 @@ impl Views {
 }
 
 impl Shape {
+    /// The views of a shape from number `first` on, and its turns; those of planar cells keep z upright.
     fn new(element: Element, first: u16, members: &[Member<Cell>]) -> Self {
         let kind = Kind::solids().find(|k| k.shape() == element);
         // Every face in every order that follows its edges.
