@@ -20,7 +20,7 @@ pub struct Sphere {
 pub struct BoxSolid(pub Aabb);
 
 /// The bound of a field with Lipschitz constant 1: the value at the centre, +- half the diagonal.
-fn lipschitz_bound(field: &impl Field<Point = WorldPoint>, region: &Aabb) -> Interval {
+pub(super) fn lipschitz_bound(field: &impl Field<Point = WorldPoint>, region: &Aabb) -> Interval {
     let (v, r) = (field.value(region.centre()), region.half_diagonal());
     Interval::new(v - r, v + r)
 }

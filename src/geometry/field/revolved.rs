@@ -3,6 +3,7 @@
 //! Values are distances at every point, inside too. Ends and normals are not checked: a cylinder needs two distinct
 //! ends, a half space a unit normal.
 
+use super::primitive::lipschitz_bound;
 use super::{Field, Interval};
 use crate::frame::{Aabb, Vec3, WorldPoint};
 
@@ -31,12 +32,6 @@ pub struct HalfSpace {
     pub point: Vec3,
     /// Unit vector that points out of the solid.
     pub normal: Vec3,
-}
-
-/// The bound of a field with Lipschitz constant 1.
-fn lipschitz(value: f64, region: &Aabb) -> Interval {
-    let r = region.half_diagonal();
-    Interval::new(value - r, value + r)
 }
 
 impl Capsule {
@@ -71,7 +66,7 @@ impl Field for Capsule {
         (n - self.radius, gradient)
     }
     fn bound(&self, region: &Aabb) -> Interval {
-        lipschitz(self.value(region.centre()), region)
+        lipschitz_bound(self, region)
     }
 }
 
@@ -127,7 +122,7 @@ impl Field for Cylinder {
         (self.value(p), gradient)
     }
     fn bound(&self, region: &Aabb) -> Interval {
-        lipschitz(self.value(region.centre()), region)
+        lipschitz_bound(self, region)
     }
 }
 
@@ -140,6 +135,6 @@ impl Field for HalfSpace {
         (self.value(p), self.normal)
     }
     fn bound(&self, region: &Aabb) -> Interval {
-        lipschitz(self.value(region.centre()), region)
+        lipschitz_bound(self, region)
     }
 }
