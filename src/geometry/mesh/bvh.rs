@@ -74,7 +74,7 @@ impl Node {
         sum.map(|s| s * (1.0 - DISTANCE_SLACK))
     }
 
-    /// The longest edge of each box; undefined for an unused lane.
+    /// The longest edge of each box; 0 for an unused lane.
     pub(crate) fn widths(&self) -> [f32; 4] {
         [0, 1, 2, 3].map(|l| {
             let edges = (0..3).map(|a| self.hi[a][l] - self.lo[a][l]);

@@ -95,9 +95,8 @@ pub(super) fn build(primitives: &mut [Primitive], base: u32, depth: usize, out: 
         }
         start += length as u32;
     }
-    // Children of large ranges are built apart from each other, with numbers from 0, then moved behind the others. The
-    // parts cover the range, so that `rest` is empty.
-    if rest.is_empty() && start - base >= MIN_PARALLEL_PRIMITIVES as u32 {
+    // Children of large ranges are built apart from each other, with numbers from 0, then moved behind the others.
+    if start - base >= MIN_PARALLEL_PRIMITIVES as u32 {
         use rayon::prelude::*;
         let built: Vec<(usize, Vec<Node>)> = inner
             .into_par_iter()
