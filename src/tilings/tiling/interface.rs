@@ -136,8 +136,8 @@ impl FaceJoins {
     }
 
     /// The greatest jump of a filling's values at any join, divided by the range (greatest minus least) of the values
-    /// on the first sides; 0 where no faces are shared. `value` is the filling at a point of the cell frame of an
-    /// element of a shape.
+    /// on both sides: 0 to 1, and 0 where no faces are shared. `value` is the filling at a point of the cell frame of
+    /// an element of a shape.
     pub fn relative_jump(&self, value: &dyn Fn(Element, CellPoint<3>) -> f64) -> f64 {
         let (mut jump, mut low, mut high) = (0f64, f64::INFINITY, f64::NEG_INFINITY);
         // Points off the edges and off the mirror lines of the face: an offset of 0.37 of a step, not of a half.
@@ -162,14 +162,14 @@ impl FaceJoins {
                     weighted_point(join.shapes[1], &join.neighbour_vertices, w),
                 );
                 jump = jump.max((a - b).abs());
-                (low, high) = (low.min(a), high.max(a));
+                (low, high) = (low.min(a).min(b), high.max(a).max(b));
             }
         }
         if jump == 0.0 {
             return 0.0;
         }
-        // Where all values on the first sides are equal, a jump on the second counts as very large.
-        jump / (high - low).max(f64::MIN_POSITIVE)
+        // A jump lies between two of the values, so that their range is no smaller.
+        jump / (high - low)
     }
 }
 
@@ -208,4 +208,20 @@ pub(super) fn check(
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scaffold::Kind;
+
+    /// Two hexes side by side, in both orders: 0 on one side of their face, 2 on the other.
+    #[test]
+    fn a_relative_jump_does_not_depend_on_which_side_is_first() {
+        for size in [1.0, -1.0] {
+            let value = |_: Element, p: CellPoint<3>| if p.0.x * size > 0.0 { 2.0 } else { 0.0 };
+            let pair = Scaffold::box_grid(Vec3::new(2.0, 1.0, 1.0), [2, 1, 1], Kind::Hex8).unwrap();
+            assert_eq!(FaceJoins::of(&pair).relative_jump(&value), 1.0);
+        }
+    }
 }
