@@ -20,36 +20,55 @@ pub struct ScaffoldSolid {
     layers: Vec<MeshSolid>,
 }
 
+/// Surfaces whose boxes are apart, with the number of their vertices.
+#[derive(Default)]
+struct Layer {
+    boxes: Vec<Aabb>,
+    surfaces: Vec<TriMesh>,
+    vertices: usize,
+}
+
+impl Layer {
+    /// The surfaces as one mesh, with vertices numbered one after the other.
+    fn joined(self) -> TriMesh {
+        let (mut points, mut triangles) = (Vec::with_capacity(self.vertices), Vec::new());
+        for mesh in &self.surfaces {
+            let first = points.len() as u32;
+            points.extend_from_slice(mesh.vertices());
+            triangles.extend(mesh.triangles().iter().map(|t| t.map(|v| v + first)));
+        }
+        TriMesh::new_unchecked(points, triangles)
+    }
+}
+
 impl ScaffoldSolid {
-    /// The union of closed surfaces. They must be oriented outward and bound solids. Surfaces that cannot be joined,
-    /// with more vertices than 32 bits number, are left out.
+    /// The union of closed surfaces. They must be oriented outward and bound solids.
     pub fn new(surfaces: impl IntoIterator<Item = TriMesh>) -> Self {
+        Self::with_limit(surfaces, u32::MAX as usize)
+    }
+
+    /// The union of closed surfaces, of which meshes are joined up to a number of vertices.
+    fn with_limit(surfaces: impl IntoIterator<Item = TriMesh>, max_vertices: usize) -> Self {
         // Surfaces whose boxes are apart form one mesh, so that most unions need a single search.
-        let mut layers: Vec<(Vec<Aabb>, Vec<TriMesh>)> = Vec::new();
+        let mut layers: Vec<Layer> = Vec::new();
         for mesh in surfaces {
             let own = mesh.bounds();
             // Surfaces that touch up to rounding count as meeting.
-            let slack = 1e-6 * own.half_diagonal();
-            let meets = |boxes: &[Aabb]| boxes.iter().any(|b| b.meets(own.dilated(slack)));
-            match layers.iter_mut().find(|l| !meets(&l.0)) {
-                Some(layer) => {
-                    layer.0.push(own);
-                    layer.1.push(mesh);
-                }
-                None => layers.push((vec![own], vec![mesh])),
+            let near = own.dilated(1e-6 * own.half_diagonal());
+            let count = mesh.vertices().len();
+            let fits = |l: &Layer| {
+                l.vertices + count <= max_vertices && !l.boxes.iter().any(|b| b.meets(near))
+            };
+            let n = layers.iter().position(fits).unwrap_or(layers.len());
+            if n == layers.len() {
+                layers.push(Layer::default());
             }
+            let layer = &mut layers[n];
+            layer.boxes.push(own);
+            layer.surfaces.push(mesh);
+            layer.vertices += count;
         }
-        // Vertices are numbered one after the other.
-        let joined = |meshes: Vec<TriMesh>| {
-            let (mut points, mut triangles) = (Vec::new(), Vec::new());
-            for mesh in &meshes {
-                let first = points.len() as u32;
-                points.extend_from_slice(mesh.vertices());
-                triangles.extend(mesh.triangles().iter().map(|t| t.map(|v| v + first)));
-            }
-            TriMesh::new(points, triangles).ok()
-        };
-        let meshes = layers.into_iter().filter_map(|l| joined(l.1));
+        let meshes = layers.into_iter().map(Layer::joined);
         Self {
             layers: meshes.map(MeshSolid::new).collect(),
         }
@@ -222,5 +241,27 @@ impl Field for Cut<'_> {
             }
         }
         Some([inside, outside])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three cubes apart from each other, of which any number fits into a mesh: none is lost.
+    #[test]
+    fn surfaces_that_no_mesh_can_hold_together_stay_in_the_union() {
+        let cube = |n: usize| {
+            let corner = Vec3::new(3.0 * n as f64, 0.0, 0.0);
+            TriMesh::cuboid(&Aabb::of([corner, corner.add_scalar(1.0)]))
+        };
+        for (limit, layers) in [(1, 3), (16, 2), (u32::MAX as usize, 1)] {
+            let solid = ScaffoldSolid::with_limit((0..3).map(cube), limit);
+            assert_eq!(solid.layers.len(), layers);
+            for n in 0..3 {
+                let middle = WorldPoint(Vec3::new(3.0 * f64::from(n) + 0.5, 0.5, 0.5));
+                assert!((solid.value(middle) + 0.5).abs() < 1e-12);
+            }
+        }
     }
 }
