@@ -134,10 +134,10 @@ pub enum ScaffoldError {
         /// Cells per axis.
         counts: [usize; 3],
     },
-    /// A ball or cylinder without size.
+    /// A ball, cylinder, tube or filled solid without size.
     #[error("a radius or height of {radius} in cells of {cell}; expected positive lengths")]
     BadRound {
-        /// The radius or height.
+        /// The radius, height or thickness.
         radius: f64,
         /// The size of a cell.
         cell: f64,

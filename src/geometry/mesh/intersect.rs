@@ -161,7 +161,7 @@ fn unshared(a: &[Vec3; 3], b: &[Vec3; 3]) -> ([usize; 3], usize) {
     (corners, count)
 }
 
-/// Whether triangles with area meet beyond shared corners; corners of equal coordinates are shared. Both have an area.
+/// Whether triangles with area meet beyond shared corners; corners of equal coordinates are shared.
 /// The case is chosen by the number of corners that one lacks of the other: 0 duplicates, 1 a common side, 2 a common
 /// corner, 3 none.
 pub(crate) fn triangles_meet(t: &[Vec3; 3], u: &[Vec3; 3]) -> bool {

@@ -422,7 +422,6 @@ impl Field for MeshSolid {
                 Interval::new(max_distance, f64::INFINITY)
             }
         };
-        // No surface within reach of a part: only its sign is unknown.
         let mut hull: Option<Interval> = None;
         for region in &parts.wide {
             let (centre, radius) = (region.centre().0, region.half_diagonal());
@@ -434,6 +433,7 @@ impl Field for MeshSolid {
                 let d = found.0.distance + radius;
                 return Interval::new(-d, d);
             }
+            // No surface within reach of the part: only its sign is unknown.
             let sign_changes_elsewhere = self.boundary.is_some() || self.caps.is_some();
             let part = match hull {
                 // The parts touch and contain no surface, so they share their sign.

@@ -150,8 +150,8 @@ impl Network {
         }
     }
 
-    /// Multiplies radii by the weights of the parts' cells, with the lower limit `min_radius` or half the radius. Parts
-    /// without any weight get radius 0. `radii` are in world units, struts first, as the samples are.
+    /// Multiplies radii by the weights of the parts' cells, with the lower limit `min_radius`, or half the radius if that
+    /// is less. Parts without any weight get radius 0. `radii` are in world units, struts first, as the samples are.
     fn apply_weights(
         &self,
         weights: &WeightsAt,

@@ -365,7 +365,6 @@ fn neighbours(leaves: &[LeafValues], part: &[LeafValues], region: Region) -> Vec
         };
         part.len()
     ];
-    // Leaves and targets are in order of origin: one pass over both meets all neighbours at a step.
     let mut scan = |step: [i32; 3], set: &mut dyn FnMut(&mut Neighbours, Coord, Option<u32>)| {
         let target = |leaf: &LeafValues| leaf.origin.offset(step[0], step[1], step[2]);
         let Some(first) = part.first().map(target) else {

@@ -139,7 +139,7 @@ fn for_each_crossing(crossed: &CrossedEdges, n: usize, mut visit: impl FnMut(Cro
 
 impl Mesher<'_> {
     /// The vertex of a crossed edge, world units: the zero of the values, or of the exact field, at least `margin` (a
-    /// share of the edge) from its ends.
+    /// share of the edge) from an end where other crossed edges meet.
     fn place(&self, crossed: &CrossedEdges, crossing: &Crossing, margin: f64) -> Vec3 {
         // What counts as zero is zero: it is outside.
         let zero = -ZERO_MAGNITUDE * self.voxel_size;

@@ -98,8 +98,8 @@ impl Topology {
                 }
             }
         }
-        // Components are numbered by their first element.
         topology.non_manifold.sort_unstable();
+        // Components are numbered by their first element.
         let (component_of, count) = sets.labels(0..elements.len());
         topology.components = vec![Vec::new(); count];
         for (e, &component) in component_of.iter().enumerate() {

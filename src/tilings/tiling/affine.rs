@@ -10,8 +10,8 @@
 //!
 //! A batch holds 64 points, as rows of eight by coordinate; masks have a bit for each point. Values are rounded to single
 //! precision, which is all that differs from single points. The laws `values_and_signs_in_bulk_are_those_of_single_points`
-//! and `limits_change_no_value_between_them` measure it. d = F s follows section 7.1 of mathematics.md; `rule` computes the
-//! scale s and its blend across faces.
+//! and `limits_change_no_value_between_them` measure it. The distance is d = F s; `rule` computes the scale s
+//! and its blend across faces.
 
 mod block;
 mod distances;

@@ -8,7 +8,7 @@
 //!
 //! The scale d / |F| is interpolated from a table over one period where it is smooth enough: where trials on
 //! leaves spread over a period show errors of the distances within [`RMS_TOLERANCE`] and [`MAX_ERROR`].
-//! [`HexGrid::distance`] is the same rule (section 7.1 of mathematics.md) in double precision, one point at a time.
+//! [`HexGrid::distance`] is the same rule in double precision, one point at a time.
 
 use super::patch::Patch;
 use super::{Boundary, Distance, TilingOptions, Visits};
@@ -349,7 +349,7 @@ impl HexGrid {
         }
     }
 
-    /// Bounds over eight boxes at once.
+    /// Bounds of the values over eight boxes at once.
     pub fn bounds(&self, regions: &[Aabb; 8]) -> [Interval; 8] {
         // Lane n is box n.
         let corners = |of: fn(&Aabb) -> Vec3| -> [[f64; 8]; 3] {

@@ -26,8 +26,9 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
     }
 
-    /// Rule Q: d = F sum(omega s) / sum(omega), section 7.1 of mathematics.md. `f` and `g` are value and gradient in
-    /// the owner, by its reference coordinates. `local` holds the elements near `x`, `at` is its owner.
+    /// Rule Q: d = F sum(omega s) / sum(omega) over the near elements, with the scale s and the weight omega of each.
+    /// `f` and `g` are value and gradient in the owner, by its reference coordinates. `local` holds the elements near
+    /// `x`, `at` is its owner.
     fn fast(&self, local: &LocalSearch, at: Owner, x: Vec3, f: f64, g: Vec3) -> f64 {
         let w = self.options.half_width;
         let delta = self.delta();

@@ -80,6 +80,7 @@ fn factors<T: Coefficient>(values: &[T]) -> [T; MAX_TERMS] {
     // h * linear + h^2 * quadratic at h = 1 and h = 1/2.
     let linear = |i, j| (at(i, j, 1) - apex) * 4.0 - (at(i, j, 0) - apex);
     let quadratic = |i, j| (at(i, j, 0) - apex) * 2.0 - (at(i, j, 1) - apex) * 4.0;
+    // A bilinear function from its values at +-1/2: the mean, both slopes and the mixed term, in the result below.
     let [p, q, r, s] = [(0, 0), (2, 0), (0, 2), (2, 2)].map(|(i, j)| linear(i, j));
     // Of a parabola: value in the middle, slope, half the second derivative.
     let parabola = |[low, middle, high]: [T; 3]| {

@@ -1,5 +1,5 @@
-//! Blends the scales of elements near a face to one distance a point: d = F sum(omega s) / sum(omega), rule Q in
-//! section 7.1 of mathematics.md, clamped to the band. Data lie in rows of eight points in double precision; F and
+//! Blends the scales of elements near a face to one distance a point: d = F sum(omega s) / sum(omega) by rule Q
+//! (see module `rule`), clamped to the band. Data lie in rows of eight points in double precision; F and
 //! its gradient come as groups of four single-precision numbers a point and are transposed to rows when loaded.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand. Closures
 // are not: no SIMD arithmetic is written in them.

@@ -1,4 +1,4 @@
-//! Samples outside the scaffold: `d = max(d_F, d_S)`, the cut at the boundary in section 7.1 of mathematics.md.
+//! Samples outside the scaffold: `d = max(d_F, d_S)`, the cut at the boundary.
 //!
 //! `d_S` is the exact distance to the boundary, `d_F` the distance of the field at the closest point of the boundary.
 //! Without a cut, `d_F` alone continues the field. Up to 64 closest points make one batch of rule Q.

@@ -1,4 +1,4 @@
-//! Both Newton steps of rule Q in an affine element, eight points at a time (section 7.1 of mathematics.md).
+//! Both Newton steps of rule Q in an affine element, eight points at a time.
 //!
 //! With J the element's map, the world gradient is g = J^-T grad F. A step is p = -F g / (|g|^2 + damping), at most as
 //! long as the limits allow; the second starts at the end of the first with F and g evaluated anew in the same element,

@@ -1,4 +1,4 @@
-//! Rule Q for a batch of points among affine elements: d = F sum(omega s) / sum(omega), section 7.1 of mathematics.md.
+//! Rule Q for a batch of points among affine elements: d = F sum(omega s) / sum(omega).
 //!
 //! F is the value in the owner, the element of lowest number that contains the point. s is the scale of two Newton
 //! steps in each element e less than delta away, and `omega = 1 - max(m_e, depth) / delta` its weight, with `m_e` the

@@ -192,7 +192,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             );
             (first, first_step) = (all.end, range.end);
         }
-        // d = F sum(omega s) / sum(omega), section 7.1 of mathematics.md; the elements come in ascending order.
+        // The sums of the weights w_e of rule Q and of w_e s_e; the elements come in ascending order.
         for (contribution, scale) in contributions.iter().zip(&*scales) {
             let sum = &mut sums[contribution.item as usize];
             sum.scales += contribution.weight * scale;

@@ -153,7 +153,6 @@ impl Faces {
             places: vec![u32::MAX; count as usize],
             starts,
         };
-        // In the order of the faces with the lower numbers.
         let shared: Vec<([FaceRef; 2], Shared)> = (0..scaffold.len())
             .into_par_iter()
             .flat_map_iter(|e| scaffold.faces_of(e))
