@@ -164,6 +164,7 @@ impl Element {
                 all.extend(of_triangle());
                 all
             }
+            // The sides rise by sqrt(1/2) over half a base edge: 1/sqrt 6 from the base's centre.
             Self::Pyramid => {
                 let mut all = vec![face(-Vec3::z(), 0.0)];
                 all.extend(of_square(0.5f64.sqrt(), 6f64.sqrt().recip()));

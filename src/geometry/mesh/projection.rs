@@ -411,7 +411,8 @@ impl ZeroSet<'_> {
         if !self.may_kink(p) {
             return;
         }
-        // As many planes as were found first, so that a corner comes before the edge of its two nearest planes.
+        // Planes that may meet in the cell or next to it: within 1.5 voxels. All of them first, so that a corner comes
+        // before the edge of its two nearest planes.
         let planes = self.tangent_planes(p, SAMPLE_RADII[0] * self.h, 1.5 * self.h);
         for count in (2..=planes.len()).rev() {
             let on_surface = |x: &Vec3| self.value(*x).abs() < 1e-3 * self.h;

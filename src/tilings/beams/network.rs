@@ -256,7 +256,7 @@ struct Builder {
 }
 
 impl Builder {
-    /// The number of the node at a point: a known one, or a new one. Points are rounded to a grid of [`NODE_SPACING`].
+    /// The number of the node at a point: a known one, or a new one. Points are rounded to a grid of `node_spacing`.
     /// The error is more nodes than 32-bit numbers.
     fn node(&mut self, p: Vec3) -> Result<u32, NetworkError> {
         let next = u32::try_from(self.network.nodes.len()).map_err(|_| NetworkError::TooMany)?;

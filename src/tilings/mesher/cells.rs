@@ -151,8 +151,8 @@ fn case(corners: &Corners, x: usize, bit: usize) -> usize {
     case as usize
 }
 
-/// Triangulates a loop as a fan from the vertex with the shortest diagonals. `number` is the vertex of an edge of the
-/// cell; `visit` gets the triangles.
+/// Triangulates a loop as a fan from that of its apexes with the shortest diagonals. `number` is the vertex of an edge of
+/// the cell; `visit` gets the triangles.
 fn triangulate_loop(
     l: &Loop,
     number: impl Fn(u8) -> u32,

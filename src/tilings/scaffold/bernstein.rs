@@ -1,8 +1,9 @@
 //! Polynomials over the reference cell in Bernstein form, which give rigorous bounds of curved elements.
 //!
-//! A polynomial over a simplex or a cube is a convex combination of its Bernstein coefficients, so their hull contains
-//! its range; splitting the cell tightens the hull quadratically. Parametric coordinates r in `[0, 1]^3`: barycentrics
-//! (1 - r1 - r2 - r3, r1, r2, r3) on the simplex. The integral is the mean coefficient times the cell's volume.
+//! A polynomial over a simplex, cube or prism is a convex combination of its Bernstein coefficients, so their hull
+//! contains its range; splitting the cell tightens the hull quadratically. Parametric coordinates r in `[0, 1]^3`:
+//! barycentrics (1 - r1 - r2 - r3, r1, r2, r3) on the simplex, both on the prism. The integral is the
+//! mean coefficient times the cell's volume.
 
 use super::kind::Family;
 use druse_geometry::frame::Vec3;

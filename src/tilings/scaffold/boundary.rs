@@ -309,12 +309,12 @@ impl Builder<'_> {
                 Some(side) => self.on_side(s, side as usize, spot),
                 None => self.inner(s, spot),
             };
-            let half = |corner: usize, other: usize| {
+            let half = |corner: usize, new_side: usize| {
                 let mut h = p;
                 h.spots[corner] = spot;
                 h.vertices[corner] = vertex;
                 // The edge from the midpoint to the opposite corner is new.
-                h.sides[other] = None;
+                h.sides[new_side] = None;
                 h
             };
             open.push(half(i, k));

@@ -48,7 +48,7 @@ impl Scaffold {
                 counts,
             });
         }
-        // An axis of n cells has n + 1 layers of nodes: the limit holds for nodes too.
+        // An axis of n cells has n + 1 layers of nodes: the limit, which bounds the memory, holds for nodes too.
         let found = counts
             .iter()
             .try_fold(per_cell, |n: usize, c| n.checked_mul(c.checked_add(1)?))

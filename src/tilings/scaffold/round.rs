@@ -1,7 +1,8 @@
 //! Cylinders, tubes and balls of curved hexes, made without a mesher.
 //!
 //! Around a core, a square or cube bulged towards the circle, lie blocks that reach to the rim ("O-grid"). Elements are
-//! Hex27 with their nodes on the shape itself: the rim is met to the third order of the cell size.
+//! Hex27 with their nodes on the shape itself: the rim is met to the third order of the cell size. A tube has no core,
+//! and the middles of its arcs lie slightly outside the circle, so that tangents meet at their ends.
 
 use super::{Connectivity, Kind, Scaffold, ScaffoldError};
 use druse_geometry::frame::Vec3;

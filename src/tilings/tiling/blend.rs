@@ -68,8 +68,8 @@ impl<'a, C: CellField> Blend<'a, C> {
     /// divided by their sum.
     ///
     /// # Errors
-    /// [`TilingError::WeightCount`], [`TilingError::Weights`] where they sum to 0 or are not finite, [`TilingError::Slope`] for a
-    /// cell without slope.
+    /// [`TilingError::WeightCount`], [`TilingError::Weights`] where they sum to 0 or are not finite, [`TilingError::Slope`]
+    /// for a cell without slope.
     pub fn new(
         scaffold: &'a Scaffold,
         members: Vec<Member<'a, C>>,
@@ -194,7 +194,7 @@ impl<'a, C: CellField> Blend<'a, C> {
                 let share = w[j] / sum;
                 let (t, dt) = pair.at(share);
                 total.0 += sum * t;
-                // d (s t(wj / s)) is t - share dt by wi, and t + (1 - share) dt by wj.
+                // d (s t(wj / s)) is t - share dt by wi, and t + (1 - share) dt by wj. The test spares bounds checks.
                 if j < 8 {
                     total.1[i] += t - share * dt;
                     total.1[j] += t + (1.0 - share) * dt;

@@ -75,6 +75,7 @@ fn onto_pyramid(xi: Vec3) -> Vec3 {
     let x = Vec3::new(x.x.abs(), x.y.abs(), x.z);
     let normal = Vec3::new(2.0, 0.0, 2f64.sqrt()) / 6f64.sqrt();
     let foot = x - normal * (normal.dot(&x) - 6f64.sqrt().recip());
+    // The width of the pyramid at the height of the foot.
     let h = 1.0 - 2f64.sqrt() * foot.z;
     let inside = foot.z >= 0.0 && h >= 0.0 && foot.y <= h / 2.0;
     let nearest = if inside {

@@ -231,7 +231,7 @@ impl CurvedMap<'_> {
     }
 }
 
-/// Half the second derivatives of xi by x at a point.
+/// Half the second derivatives of xi by x at a point: xx, yy, zz, and the whole mixed ones xy, yz, zx.
 struct SecondDerivativesKernel<'a> {
     map: CurvedMap<'a>,
     at: Vec3,

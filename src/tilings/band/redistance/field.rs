@@ -352,7 +352,7 @@ impl Field for ClosestPointField<'_> {
             max: first.offset(nx - 1, ny - 1, nz - 1),
         };
         out.fill(f32::NAN);
-        // Rows of each leaf's cached values are copied to the lattice.
+        // Rows of each leaf's cached values are copied to the lattice; NaN stays where the source is not finite.
         for origin in region.cubes(LEAF) {
             let part = region.common(Region::cube(origin, LEAF));
             self.with_leaf(origin, |leaf| {

@@ -69,8 +69,8 @@ impl Wedge {
         // y is the displacement from the edge or corner, `heights` those over the planes.
         let y = sum(away, self.offset);
         let heights = self.normals.map(|n| dot(n, y));
-        // With y = s n_i + t n_j + the part along the edge, the edge is nearest where s, t > 0, at sqrt(u s + v t); else
-        // it is the plane of the greater height.
+        // With y = s n_i + t n_j + the part along the edge, the edge is nearest where s, t > 0, at sqrt(u s + v t);
+        // else it is the plane of the greater height.
         let of_pair = |i: usize, j: usize| {
             let (u, v) = (heights[i], heights[j]);
             let c = dot(self.normals[i], self.normals[j]);
@@ -124,8 +124,8 @@ impl Wedge {
         self.normals[0].map(|n| n * self.sign)
     }
 
-    /// The corner as a point of its own; `p` is the surface point of this wedge. None near a point, or where
-    /// values disagree: other planes may end its edges before the corner.
+    /// The corner as a point of its own; `p` is the surface point of this wedge. None for two planes, too near `p` or
+    /// too far, or where values disagree: other planes may end its edges before the corner.
     fn corner(&self, p: Vector, v: &[f32]) -> Option<Corner> {
         self.dual?;
         let square = dot(self.offset, self.offset);

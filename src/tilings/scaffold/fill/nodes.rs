@@ -468,6 +468,7 @@ fn lattice_points(
     let min_size = size - GROWTH * edge * 0.75f64.sqrt();
     if level + 1 < LEVELS && min_size < 0.65 * edge {
         let near = solid.signed_distance(centre);
+        // No point of the cube is inside: its corners are sqrt(3/4) edges from the centre.
         if near > edge {
             return;
         }
