@@ -76,10 +76,12 @@ pub enum ScaffoldError {
     #[error("no solid elements; expected at least one tetrahedron, hexahedron, wedge or pyramid")]
     Empty,
     /// More nodes or elements than an index can number, or than a division or a filling makes.
-    #[error("{found} {what}; at most {} are supported", u32::MAX - 1)]
+    #[error("{found} {what}; at most {limit} are supported")]
     TooMany {
         /// How many.
         found: usize,
+        /// The greatest supported number, which differs between files, grids, divisions and fillings.
+        limit: usize,
         /// Nodes or elements.
         what: &'static str,
     },
@@ -402,7 +404,8 @@ fn check(
     // Nodes and elements have 32-bit numbers.
     for (found, what) in [(nodes.len(), "nodes"), (elements.len(), "elements")] {
         if found >= u32::MAX as usize {
-            return Err(ScaffoldError::TooMany { found, what });
+            let limit = u32::MAX as usize - 1;
+            return Err(ScaffoldError::TooMany { found, limit, what });
         }
     }
     if let Some(node) = nodes

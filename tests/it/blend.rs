@@ -317,6 +317,7 @@ fn bad_weights_and_elements_are_named() {
     let e = e.err().unwrap();
     assert!(e.to_string().contains("at most 8"), "{e}");
     let tets = Scaffold::box_grid(Vec3::repeat(1.0), [1, 1, 1], Kind::Tet4).unwrap();
+    let tets = tets.with_numbers((101..107).collect());
     let weights = vec![1.0; tets.nodes().len()];
     let blend = Blend::new(&tets, members(&cells), weights, Interpolation::Linear).unwrap();
     let e = blend.check(&tets).unwrap_err();
@@ -325,7 +326,7 @@ fn bad_weights_and_elements_are_named() {
             e,
             TilingError::Shape {
                 cell: "hex",
-                number: 0,
+                number: 101,
                 found: "tet"
             }
         ),

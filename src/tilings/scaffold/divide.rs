@@ -137,6 +137,7 @@ impl Scaffold {
             if total > MAX_ELEMENTS {
                 return Err(ScaffoldError::TooMany {
                     found: total,
+                    limit: MAX_ELEMENTS,
                     what: "elements",
                 });
             }

@@ -79,6 +79,7 @@ impl Scaffold {
         if !found.is_finite() || found > MAX_NODES {
             return Err(ScaffoldError::TooMany {
                 found: found.min(1e18) as usize,
+                limit: MAX_NODES as usize,
                 what: "nodes",
             });
         }

@@ -6,6 +6,9 @@
 use super::{Connectivity, Kind, Scaffold, ScaffoldError};
 use druse_geometry::frame::Vec3;
 
+/// Greatest number of elements of a grid.
+const MAX_ELEMENTS: usize = 100_000_000;
+
 /// The six tetrahedra of a cube around its diagonal 0-6 (Kuhn), conforming by translation.
 const KUHN: [[usize; 4]; 6] = [
     [0, 1, 2, 6],
@@ -53,9 +56,10 @@ impl Scaffold {
             .iter()
             .try_fold(per_cell, |n: usize, c| n.checked_mul(c.checked_add(1)?))
             .unwrap_or(usize::MAX);
-        if found > 100_000_000 {
+        if found > MAX_ELEMENTS {
             return Err(ScaffoldError::TooMany {
                 found,
+                limit: MAX_ELEMENTS,
                 what: "elements",
             });
         }

@@ -200,6 +200,7 @@ impl Scaffold {
         if found > MAX_ELEMENTS {
             return Err(ScaffoldError::TooMany {
                 found: found.min(1e18) as usize,
+                limit: MAX_ELEMENTS as usize,
                 what: "elements",
             });
         }
@@ -257,6 +258,7 @@ fn counts(
     if found > MAX_ELEMENTS {
         return Err(ScaffoldError::TooMany {
             found: found.min(1e18) as usize,
+            limit: MAX_ELEMENTS as usize,
             what: "elements",
         });
     }

@@ -346,7 +346,7 @@ impl<C: CellField> Filling for Blend<'_, C> {
                             .cells
                             .first()
                             .map_or("nothing", |c| c.element().name()),
-                        number,
+                        number: scaffold.number(number),
                         found: shape.name(),
                     });
                 }

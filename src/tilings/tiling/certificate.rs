@@ -112,8 +112,11 @@ pub fn certify<F: Filling>(scaffold: &Scaffold, filling: &F) -> Certificate {
         crease_of_element: vec![0.0; scaffold.len()],
         ..Certificate::default()
     };
-    if measured.is_empty() {
+    // Without a shared face, and where no point of one has a preimage on both sides.
+    if low > high {
         certificate.range = [0.0; 2];
+    }
+    if measured.is_empty() {
         return certificate;
     }
     let scale = 1.0 / (high - low).max(f64::MIN_POSITIVE);
@@ -236,7 +239,8 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
     };
     // A grid of points off the symmetry lines, where cells often agree by symmetry alone.
     let step = |i: usize| (i as f64 + 0.37) / EDGE_POINTS as f64;
-    let mut row: Vec<([f64; 2], f64)> = Vec::new();
+    // The row before, with nothing where a point has no preimage.
+    let mut row: [Option<([f64; 2], f64)>; EDGE_POINTS] = [None; EDGE_POINTS];
     for j in 0..EDGE_POINTS {
         let mut last: Option<([f64; 2], f64)> = None;
         for i in 0..EDGE_POINTS {
@@ -252,6 +256,7 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
                     at: maps[0].bounds().centre().0,
                     gap: f64::INFINITY,
                 });
+                (last, row[i]) = (None, None);
                 continue;
             };
             let value = sides[0].0;
@@ -263,18 +268,14 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
             });
             // Where the value changes sign between this point and the one before along either direction, the crease is
             // measured.
-            let before = [last, row.get(i).copied()];
+            let before = [last, row[i]];
             for (other, v) in before.into_iter().flatten() {
                 if (v < 0.0) != (value < 0.0) {
                     measured.creases.extend(crease(&both, other, v, uv, value));
                 }
             }
             last = Some((uv, value));
-            if row.len() > i {
-                row[i] = (uv, value);
-            } else {
-                row.push((uv, value));
-            }
+            row[i] = last;
         }
     }
     Some(measured)

@@ -8,8 +8,8 @@ pub enum TilingError {
     Shape {
         /// Name of the cell's element.
         cell: &'static str,
-        /// The first element that differs, by its place in the scaffold, from 0.
-        number: usize,
+        /// The first element that differs, by its number in the file; without a file its index.
+        number: u64,
         /// Name of its shape.
         found: &'static str,
     },

@@ -252,7 +252,7 @@ impl<C: CellField> Filling for C {
             if !fills(self.element(), found) {
                 return Err(TilingError::Shape {
                     cell: self.element().name(),
-                    number,
+                    number: scaffold.number(number),
                     found: found.name(),
                 });
             }

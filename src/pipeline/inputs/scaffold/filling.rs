@@ -139,6 +139,7 @@ pub(crate) fn outer_mesh(scaffold: &Scaffold, error: f64) -> Result<TriMesh, Sca
             .append(&boundary)
             .map_err(|_| ScaffoldError::TooMany {
                 found: whole.vertices().len(),
+                limit: u32::MAX as usize - 1,
                 what: "vertices of outer faces",
             })?;
     }

@@ -42,6 +42,7 @@ pub(super) fn filling_cubes(
     if !found.is_finite() || found > MAX_HEXES {
         return Err(ScaffoldError::TooMany {
             found: found.min(1e18) as usize,
+            limit: MAX_HEXES as usize,
             what: "elements",
         });
     }
