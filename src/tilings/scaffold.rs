@@ -260,13 +260,20 @@ impl Scaffold {
         // Straight elements lie in the box of their control points. Curved ones are bounded to 1e-7 of the size.
         let straight = geometry.iter().filter(|g| g.curved_controls().is_none());
         let curved = geometry.iter().filter_map(Geometry::curved_controls);
+        let straight = straight.fold(Aabb::EMPTY, |a, g| a.union(g.bounds));
+        let (topology, (bounds, tree)) = rayon::join(
+            || Topology::new(&elements),
+            || {
+                rayon::join(
+                    || extent::curved_box(&curved, straight),
+                    || Arc::new(Bvh::new(geometry.len(), |e| geometry[e].bounds)),
+                )
+            },
+        );
         Ok(Self {
-            bounds: extent::curved_box(
-                &curved,
-                straight.fold(Aabb::EMPTY, |a, g| a.union(g.bounds)),
-            ),
-            tree: Arc::new(Bvh::new(geometry.len(), |e| geometry[e].bounds)),
-            topology: Topology::new(&elements),
+            bounds,
+            tree,
+            topology,
             numbers: Vec::new(),
             nodes,
             elements,

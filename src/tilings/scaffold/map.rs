@@ -85,11 +85,11 @@ impl Geometry {
         }
     }
 
-    /// The control points of a map that may leave the box of its corners.
+    /// The control points of a map that may leave the box of its corners: none of those are of degree 1.
     pub fn curved_controls(&self) -> Option<&Net<Vec3>> {
         match &self.map {
+            Map::Curved(c) => (c.net.degree > 1).then_some(&c.net),
             Map::Affine(_) | Map::Twisted(_) => None,
-            Map::Curved(c) => Some(&c.net),
             Map::Collapsed(c) => Some(&c.net),
         }
     }
@@ -184,6 +184,11 @@ impl Curved {
             (Family::Tensor | Family::Prism, _) => Powers::Quadratic,
         };
         let polynomial = Polynomial::of(powers, |xi| {
+            // The first coefficients of a cube are the values at its corners.
+            if (net.family, net.degree) == (Family::Tensor, 1) {
+                let [x, y, z] = [0, 1, 2].map(|a| usize::from(xi[a] > 0.0));
+                return net.coefficients[x + 2 * y + 4 * z];
+            }
             let basis = Basis::at(kind, kind.parameters(CellPoint(xi)));
             let controls = net.coefficients.iter().zip(basis.values);
             controls.map(|(c, value)| c * value).sum()

@@ -33,40 +33,39 @@ type Row<T> = (T, [T; 3]);
 impl Polynomial {
     /// Of a map that is such a polynomial, from its values where the coordinates are 0 or +-1/2. `powers` must span it.
     pub(super) fn of(powers: Powers, map: impl Fn(Vec3) -> Vec3) -> Self {
-        let places: [[usize; 3]; 27] = std::array::from_fn(|n| [n % 3, n / 3 % 3, n / 9]);
-        let values = places.map(|p| {
-            // A linear map needs its values at the corners alone.
-            if powers == Powers::Linear && p.contains(&1) {
-                return Vec3::zeros();
-            }
-            map(Vec3::from(p.map(|i| (i as f64 - 1.0) / 2.0)))
-        });
-        // Index i + 3 j + 9 k is the power xi_0^i xi_1^j xi_2^k.
-        let kept: &[usize] = match powers {
-            Powers::Linear => &[0, 1, 3, 4, 9, 10, 12, 13],
-            Powers::Simplex => &[0, 1, 3, 9, 2, 6, 18, 4, 12, 10],
-            Powers::Quadratic => &std::array::from_fn::<usize, 27, _>(|n| n),
+        let (sides, kept): (usize, &[usize]) = match powers {
+            Powers::Linear => (2, &[0, 1, 2, 3, 4, 5, 6, 7]),
+            // Index i + 3 j + 9 k is the power xi_0^i xi_1^j xi_2^k.
+            Powers::Simplex => (3, &[0, 1, 3, 9, 2, 6, 18, 4, 12, 10]),
+            Powers::Quadratic => (3, &std::array::from_fn::<usize, 27, _>(|n| n)),
         };
-        let mut coefficients = Vec::with_capacity(3 * kept.len());
-        // One axis after the other: three values in a line become its coefficients.
-        for c in 0..3 {
-            let mut a = values.map(|v| v[c]);
-            for stride in [1, 3, 9] {
-                for first in (0..27).filter(|n| n / stride % 3 == 0) {
-                    let at = [first, first + stride, first + 2 * stride];
-                    // At -1/2, 0 and 1/2.
-                    let [low, middle, high] = at.map(|n| a[n]);
-                    // a + b t through both ends, or a + b t + c t^2 through all three.
-                    if powers == Powers::Linear {
-                        (a[at[0]], a[at[1]]) = (low.midpoint(high), high - low);
-                    } else {
-                        a[at[0]] = middle;
-                        a[at[1]] = high - low;
-                        a[at[2]] = 2.0 * (low + high - 2.0 * middle);
-                    }
+        let count = sides.pow(3);
+        let mut a = [Vec3::zeros(); 27];
+        for (n, value) in a[..count].iter_mut().enumerate() {
+            let place = [n % sides, n / sides % sides, n / sides.pow(2)];
+            *value = map(Vec3::from(
+                place.map(|i| i as f64 / (sides - 1) as f64 - 0.5),
+            ));
+        }
+        // One axis after the other: the values in a line become its coefficients.
+        for stride in [1, sides, sides.pow(2)] {
+            for first in (0..count).filter(|n| n / stride % sides == 0) {
+                let (low, next) = (a[first], a[first + stride]);
+                // a + b t through both ends, or a + b t + c t^2 through all three, at -1/2, 0 and 1/2.
+                if sides == 2 {
+                    a[first] = low.zip_map(&next, f64::midpoint);
+                    a[first + stride] = next - low;
+                } else {
+                    let high = a[first + 2 * stride];
+                    a[first] = next;
+                    a[first + stride] = high - low;
+                    a[first + 2 * stride] = (low + high - next * 2.0) * 2.0;
                 }
             }
-            coefficients.extend(kept.iter().map(|&n| a[n]));
+        }
+        let mut coefficients = Vec::with_capacity(3 * kept.len());
+        for c in 0..3 {
+            coefficients.extend(kept.iter().map(|&n| a[n][c]));
         }
         Self {
             powers,

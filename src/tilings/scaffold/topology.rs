@@ -5,6 +5,7 @@
 
 use super::{Connectivity, Scaffold};
 use druse_geometry::union_find::UnionFind;
+use rayon::prelude::*;
 
 /// A face of an element.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -69,7 +70,7 @@ impl Topology {
             }
         }
         // Sorted by corners, the faces at one place are beside each other.
-        faces.sort_unstable();
+        faces.par_sort_unstable();
         let mut topology = Self {
             neighbours: vec![Neighbour::Outside; faces.len()],
             starts,
