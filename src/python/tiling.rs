@@ -178,8 +178,7 @@ impl Tiling {
                 cells: cells.iter().map(|c| &c.cell).collect(),
             });
             let as_members: Vec<Member<'_, druse::cell::Cell>> = as_members.collect();
-            if let Some(oriented) = orient(&scaffold, &as_members, &aim, turning.mismatch())? {
-                scaffold = Arc::new(oriented.scaffold);
+            if let Some(oriented) = orient(&mut scaffold, &as_members, &aim, turning.mismatch())? {
                 mixture = oriented.mixture;
             }
             let tables = |cells: &Vec<&Cell>| -> Result<Vec<Arc<Table>>, Fault> {

@@ -222,6 +222,11 @@ impl Connectivity {
         &self.nodes[start..self.ends[element]]
     }
 
+    fn nodes_mut(&mut self, element: usize) -> &mut [u32] {
+        let start = element.checked_sub(1).map_or(0, |e| self.ends[e]);
+        &mut self.nodes[start..self.ends[element]]
+    }
+
     /// Coordinates of the nodes of an element.
     fn points(&self, element: usize, nodes: &[Vec3]) -> Vec<Vec3> {
         let own = self.nodes(element).iter();
@@ -229,9 +234,10 @@ impl Connectivity {
     }
 }
 
-/// Nodes and elements with their maps, faces and a search tree; immutable.
+/// Nodes and elements with their maps, faces and a search tree; only turns of elements change it.
 ///
 /// Holds: at least one element; node numbers exist; coordinates are finite.
+#[derive(Clone)]
 pub struct Scaffold {
     nodes: Vec<Vec3>,
     elements: Connectivity,

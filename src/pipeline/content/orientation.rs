@@ -23,7 +23,7 @@ pub(super) struct Turned {
     pub mixture: Mixture,
 }
 
-/// Turns the elements of a scaffold as the tiling's cells need it and replaces `loaded.scaffold` if any is turned.
+/// Turns the elements of `loaded.scaffold` as the tiling's cells need it.
 /// `cells` are the tiling's cells, for each name one per element shape; without any (round beams) nothing is turned.
 ///
 /// # Errors
@@ -86,19 +86,16 @@ pub(super) fn turn_elements(
             width: wanted.width.map(|w| w.0),
         },
     };
-    let found = orient(&loaded.scaffold, &members, &aim, mismatch).map_err(|e| match e {
+    let found = orient(&mut loaded.scaffold, &members, &aim, mismatch).map_err(|e| match e {
         TilingError::Misfit(misfit) => RunError::Misfit {
             misfit,
             scaffold: Arc::clone(&loaded.scaffold),
         },
         other => RunError::Tiling(other.to_string()),
     })?;
-    Ok(found.map_or_else(Turned::default, |found| {
-        loaded.scaffold = Arc::new(found.scaffold);
-        Turned {
-            count: found.turned,
-            mixture: found.mixture,
-        }
+    Ok(found.map_or_else(Turned::default, |found| Turned {
+        count: found.turned,
+        mixture: found.mixture,
     }))
 }
 

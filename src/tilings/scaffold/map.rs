@@ -19,6 +19,7 @@ const MAX_NEWTON_STEPS: usize = 60;
 const AFFINE_TOLERANCE: f64 = 1e-12;
 
 /// Bounds and map of an element.
+#[derive(Clone)]
 pub(super) struct Geometry {
     /// The box of its control points, which contains it.
     pub bounds: Aabb,
@@ -27,6 +28,7 @@ pub(super) struct Geometry {
     pub map: Map,
 }
 
+#[derive(Clone)]
 pub(super) enum Map {
     Affine(Affine),
     Curved(Box<Curved>),
@@ -37,6 +39,7 @@ pub(super) enum Map {
 }
 
 /// x = origin + jacobian xi.
+#[derive(Clone)]
 pub(super) struct Affine {
     pub origin: Vec3,
     pub jacobian: Mat3,
@@ -45,6 +48,7 @@ pub(super) struct Affine {
 }
 
 /// A map that is not affine.
+#[derive(Clone)]
 pub(super) struct Curved {
     pub kind: Kind,
     pub net: Net<Vec3>,

@@ -22,6 +22,7 @@ pub(super) enum Powers {
 
 /// `x_c(xi) = sum a_cijk xi_0^i xi_1^j xi_2^k`, by world coordinate c; of cubes by rows, i fastest, of
 /// simplices 1, `xi_0`, `xi_1`, `xi_2`, their squares, `xi_0 xi_1`, `xi_1 xi_2`, `xi_2 xi_0`.
+#[derive(Clone)]
 pub struct Polynomial {
     powers: Powers,
     coefficients: Box<[f64]>,

@@ -93,6 +93,7 @@ fn start_of(affine: &Affine, x: Vec3) -> CellPoint<3> {
 }
 
 /// The map of a pyramid whose base is no parallelogram.
+#[derive(Clone)]
 pub(super) struct Twisted {
     affine: Affine,
     twist: Vec3,

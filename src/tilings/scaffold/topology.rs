@@ -28,6 +28,7 @@ pub enum Neighbour {
 }
 
 /// Faces and components of a scaffold.
+#[derive(Clone)]
 pub(super) struct Topology {
     /// First face of every element in `neighbours`.
     starts: Vec<u32>,
@@ -110,39 +111,34 @@ impl Topology {
         topology
     }
 
-    /// The same with the faces within each element in another order: `renumbered` gives the new number of a face.
-    pub fn renumbered(&self, renumbered: impl Fn(FaceRef) -> FaceRef) -> Self {
-        let mut topology = Self {
-            starts: self.starts.clone(),
-            neighbours: vec![Neighbour::Outside; self.neighbours.len()],
-            non_manifold: self.non_manifold.clone(),
-            component_of: self.component_of.clone(),
-            components: self.components.clone(),
-        };
+    /// Puts the faces within each element in another order: `renumbered` gives the new number of a face.
+    pub fn renumber(&mut self, renumbered: impl Fn(FaceRef) -> FaceRef) {
         let ends = self.starts[1..].iter().copied();
         let ends = ends.chain([self.neighbours.len() as u32]);
+        let mut former = Vec::new();
         for (element, (&start, end)) in self.starts.iter().zip(ends).enumerate() {
-            for face in 0..(end - start) as u8 {
+            let own = &mut self.neighbours[start as usize..end as usize];
+            former.clear();
+            former.extend_from_slice(own);
+            for (face, neighbour) in former.iter().enumerate() {
                 let f = FaceRef {
                     element: element as u32,
-                    face,
+                    face: face as u8,
                 };
-                let neighbour = match self.get(f) {
+                own[usize::from(renumbered(f).face)] = match *neighbour {
                     Neighbour::Face(g) => Neighbour::Face(renumbered(g)),
                     other => other,
                 };
-                topology.set(renumbered(f), neighbour);
             }
         }
         // As sorted as in a topology that is made anew.
-        for group in &mut topology.non_manifold {
+        for group in &mut self.non_manifold {
             for f in &mut *group {
                 *f = renumbered(*f);
             }
             group.sort_unstable();
         }
-        topology.non_manifold.sort_unstable();
-        topology
+        self.non_manifold.sort_unstable();
     }
 
     fn set(&mut self, f: FaceRef, n: Neighbour) {

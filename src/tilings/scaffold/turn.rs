@@ -3,12 +3,10 @@
 //! A cell without the full symmetry of its element fits its neighbours only in some of the turns. The choice is made
 //! elsewhere; here only the order of the nodes changes, so that shapes, places and faces stay.
 
-use super::map::Geometry;
 use super::topology::FaceRef;
-use super::{Connectivity, Kind, Scaffold};
-use druse_geometry::frame::Mat3;
+use super::{Kind, Scaffold};
+use druse_geometry::frame::{Element, Mat3};
 use rayon::prelude::*;
-use std::sync::Arc;
 
 impl Kind {
     /// The place among an element's nodes from which each node comes when the reference cell is turned: the node
@@ -51,24 +49,22 @@ impl Renumbering {
 }
 
 impl Scaffold {
-    /// The same elements with their reference cells turned: `turn` gives the orthogonal map Q of an element's
-    /// reference shape, after which its reference point xi is Q xi. Nodes, shapes and numbers of elements stay.
-    /// An element whose Q is no symmetry of its nodes keeps its numbering.
+    /// Turns the reference cells of elements: `turn` gives the orthogonal map Q of an element of a shape, after which its
+    /// reference point xi is Q xi. Nodes, shapes and numbers of elements stay. An element whose Q is no symmetry of
+    /// its nodes keeps its numbering.
     ///
     /// Boxes, the search tree and the components stay as they are; nodes and faces within the elements and the maps
-    /// of the elements follow. That takes a small part of the time of a new scaffold.
-    #[must_use]
-    pub fn turned<'a>(&self, turn: impl Fn(usize) -> Option<&'a Mat3>) -> Self {
+    /// of the elements follow, in their place. That takes a small part of the time of a new scaffold.
+    pub fn turn<'a>(&mut self, turn: impl Fn(usize, Element) -> Option<&'a Mat3>) {
         // Few pairs of kind and turn occur; each is worked out once.
         let mut all: Vec<(Kind, *const Mat3, Option<Renumbering>)> = Vec::new();
         // By element its place in `all`; u16::MAX for those that keep their numbering.
         let mut places = Vec::with_capacity(self.len());
-        let mut elements = Connectivity::default();
-        let mut nodes = Vec::new();
+        let mut former = Vec::new();
         // Each element's nodes in the order of its turned cell.
         for e in 0..self.len() {
-            let (kind, own) = (self.elements.kind(e), self.elements.nodes(e));
-            let place = turn(e).map(|turn| {
+            let kind = self.elements.kind(e);
+            let place = turn(e, kind.shape()).map(|turn| {
                 let is_same = |o: &(Kind, *const Mat3, _)| o.0 == kind && std::ptr::eq(o.1, turn);
                 all.iter().position(is_same).unwrap_or_else(|| {
                     all.push((kind, turn, Renumbering::new(kind, turn)));
@@ -76,38 +72,30 @@ impl Scaffold {
                 })
             });
             if let Some(renumbering) = place.and_then(|p| all[p].2.as_ref()) {
-                nodes.clear();
-                nodes.extend(renumbering.nodes.iter().map(|&n| own[usize::from(n)]));
-                elements.push(kind, &nodes);
-            } else {
-                elements.push(kind, own);
+                let own = self.elements.nodes_mut(e);
+                former.clear();
+                former.extend_from_slice(own);
+                for (node, &n) in own.iter_mut().zip(&renumbering.nodes) {
+                    *node = former[usize::from(n)];
+                }
             }
             places.push(place.map_or(u16::MAX, |p| p as u16));
         }
         let all: Vec<Option<Renumbering>> = all.into_iter().map(|o| o.2).collect();
-        let renumbered = |f: FaceRef| {
-            let place = usize::from(places[f.element as usize]);
-            let found = all.get(place).and_then(Option::as_ref);
-            FaceRef {
-                face: found.map_or(f.face, |r| r.faces[usize::from(f.face)]),
-                ..f
+        let renumbering = |e: usize| all.get(usize::from(places[e])).and_then(Option::as_ref);
+        let renumbered = |f: FaceRef| FaceRef {
+            face: renumbering(f.element as usize).map_or(f.face, |r| r.faces[usize::from(f.face)]),
+            ..f
+        };
+        let (nodes, elements) = (&self.nodes, &self.elements);
+        let geometry = self.geometry.par_iter_mut().enumerate();
+        // The former maps are freed one by one, so that the new ones need no more memory.
+        let map = |(e, own): (usize, &mut super::map::Geometry)| {
+            if renumbering(e).is_some() {
+                *own = own.renumbered(elements.kind(e), &elements.points(e, nodes));
             }
         };
-        let geometry: Vec<Geometry> = (0..self.len())
-            .into_par_iter()
-            .map(|e| {
-                let points = elements.points(e, &self.nodes);
-                self.geometry[e].renumbered(elements.kind(e), &points)
-            })
-            .collect();
-        Self {
-            topology: self.topology.renumbered(renumbered),
-            nodes: self.nodes.clone(),
-            elements,
-            numbers: self.numbers.clone(),
-            geometry,
-            bounds: self.bounds,
-            tree: Arc::clone(&self.tree),
-        }
+        let topology = &mut self.topology;
+        rayon::join(|| topology.renumber(renumbered), || geometry.for_each(map));
     }
 }

@@ -24,14 +24,13 @@ use super::{Member, TilingError, interface};
 use crate::scaffold::Scaffold;
 use druse_cells::cell::Cell;
 use druse_geometry::field::Field;
-use druse_geometry::frame::Mat3;
-use search::{Faces, Search};
+use druse_geometry::frame::{Element, Mat3};
+use search::Search;
+use std::sync::Arc;
 use views::Views;
 
-/// A scaffold whose elements are turned.
+/// How the elements of a scaffold were turned.
 pub struct Oriented {
-    /// The same elements and nodes, in other numberings.
-    pub scaffold: Scaffold,
     /// Number of the elements whose numbering is another.
     pub turned: usize,
     /// The elements that hold the cells in several turns; without any where turns alone make them continue.
@@ -53,12 +52,13 @@ pub enum Mismatch {
 }
 
 /// Turns the elements of a scaffold so that the cells of all members continue over its faces; `None` if nothing
-/// needs a turn. With directions, also elements in which the cells continue already are turned.
+/// needs a turn. With directions, also elements in which the cells continue already are turned. A scaffold that others
+/// share is copied first; after an error it is as it was.
 ///
 /// # Errors
 /// [`TilingError::Misfit`] where no turns fit and nothing is blended.
 pub fn orient(
-    scaffold: &Scaffold,
+    scaffold: &mut Arc<Scaffold>,
     members: &[Member<Cell>],
     aim: &Aim,
     mismatch: Mismatch,
@@ -79,43 +79,37 @@ pub fn orient(
     }
     let views = Views::new(&shapes, members);
     // Cells that no turn changes are as they are; the tiling itself refuses them.
-    if scaffold
-        .shapes()
-        .iter()
-        .all(|s| views.shape(*s).has_one_class())
-    {
+    if shapes.iter().all(|s| views.shape(*s).has_one_class()) {
         return Ok(None);
     }
-    let faces = Faces::new(scaffold, &views);
-    let search = Search::new(scaffold, &views, &faces);
+    let search = Search::new(scaffold, &views);
     let found = search.run(aim);
     let identity = Mat3::identity();
-    let turn = |e: usize| {
-        let matrix = &search.turns(e)[usize::from(found.turns[e])].matrix;
+    let turn = |e: usize, shape: Element| {
+        let matrix = &views.shape(shape).turns[usize::from(found.turns[e])].matrix;
         ((matrix - identity).norm_squared() > 1e-9).then_some(matrix)
     };
-    let count = (0..scaffold.len()).filter(|&e| turn(e).is_some()).count();
-    if count == 0 && found.bad.is_empty() {
+    let elements = scaffold.elements();
+    let turned = elements
+        .filter(|e| turn(e.index(), e.shape()).is_some())
+        .count();
+    if turned == 0 && found.bad.is_empty() {
         return Ok(None);
     }
-    let turned = scaffold.turned(turn);
     let mut mixture = Mixture::default();
     if let Some(&first) = found.bad.first() {
         let width = match mismatch {
             Mismatch::Blend { width } => width,
             Mismatch::Refuse => None,
         };
-        let at_faces = mixing::BadFaces {
-            faces: &faces,
-            bad: &found.bad,
-            turns: &found.turns,
-        };
-        let mixed = mixing::mixture(&search, &at_faces, &turned, width);
+        let mixed = mixing::mixture(&search, &found.bad, &found.turns, width);
         match (mixed, mismatch) {
             (Some(mixed), Mismatch::Blend { .. }) => mixture = mixed,
             (mixed, _) => {
-                let edges = bad_edges::bad_edges(&search, &faces, &found.bad, &found.turns);
-                let elements = faces.list[first as usize].elements;
+                let edges = bad_edges::bad_edges(&search, &found.bad, &found.turns);
+                let elements = search
+                    .face(first)
+                    .map_or([first.element; 2], |f| f.elements);
                 return Err(TilingError::Misfit(Box::new(Misfit {
                     lines: bad_edges::line_count(&edges),
                     edges,
@@ -126,11 +120,8 @@ pub fn orient(
             }
         }
     }
-    Ok(Some(Oriented {
-        scaffold: turned,
-        turned: count,
-        mixture,
-    }))
+    Arc::make_mut(scaffold).turn(turn);
+    Ok(Some(Oriented { turned, mixture }))
 }
 
 /// Whether cells continue over all faces as the elements are numbered.

@@ -181,6 +181,7 @@ pub(in crate::scaffold) fn shape_gradients(kind: Kind, xi: CellPoint<3>) -> Vec<
 }
 
 /// The map of a quadratic pyramid with curved edges or faces.
+#[derive(Clone)]
 pub(in crate::scaffold) struct Collapsed {
     kind: Kind,
     /// The map over the collapsed cube.

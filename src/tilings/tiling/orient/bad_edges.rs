@@ -5,24 +5,19 @@
 //! there: at least one of them is bad. Every bad face that is not closed off by the boundary ends at such edges,
 //! so that the edges of bad faces are all that need a look.
 
-use super::search::{Faces, Search};
+use super::search::Search;
 use super::views::NO_TURN;
-use crate::scaffold::FaceRef;
+use crate::scaffold::{FaceRef, Neighbour};
 use crate::tiling::misfit::BadEdge;
 use druse_geometry::frame::Vec3;
 use druse_geometry::union_find::UnionFind;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The bad edges of bad faces, in order of their nodes.
-pub(super) fn bad_edges(search: &Search, faces: &Faces, bad: &[u32], turns: &[u8]) -> Vec<BadEdge> {
+pub(super) fn bad_edges(search: &Search, bad: &[FaceRef], turns: &[u8]) -> Vec<BadEdge> {
     let mut seen = BTreeSet::new();
     let mut found = Vec::new();
-    for &place in bad {
-        let start = faces.list[place as usize].elements[0] as usize;
-        let own = |f: &FaceRef| faces.place(*f) == Some(place);
-        let Some(first) = search.scaffold.faces_of(start).find(own) else {
-            continue;
-        };
+    for &first in bad {
         let corners = face_nodes(search, first);
         for i in 0..corners.len() {
             // An edge that several bad faces have is visited once.
@@ -31,7 +26,7 @@ pub(super) fn bad_edges(search: &Search, faces: &Faces, bad: &[u32], turns: &[u8
             if !seen.insert(nodes) {
                 continue;
             }
-            if let Some(elements) = open_round(search, faces, first, nodes, turns) {
+            if let Some(elements) = open_round(search, first, nodes, turns) {
                 let [a, b] = nodes.map(|n| search.scaffold.nodes()[n as usize]);
                 let middle: Vec3 = (a + b) / 2.0;
                 found.push(BadEdge {
@@ -53,19 +48,13 @@ fn face_nodes(search: &Search, f: FaceRef) -> Vec<u32> {
 
 /// The number of elements around an edge if the turn of the first one does not come back as it was; `None` for
 /// one that does, and for an outer edge.
-fn open_round(
-    search: &Search,
-    faces: &Faces,
-    first: FaceRef,
-    nodes: [u32; 2],
-    turns: &[u8],
-) -> Option<usize> {
+fn open_round(search: &Search, first: FaceRef, nodes: [u32; 2], turns: &[u8]) -> Option<usize> {
     let start = first.element as usize;
     let mut leave = first;
     let mut turn = turns[start];
     let mut is_open = false;
     for count in 1.. {
-        let face = faces.get(leave)?;
+        let (face, entered) = (search.face(leave)?, search.scaffold.neighbour(leave));
         let next = search.next(&face, turn);
         let element = face.elements[1] as usize;
         is_open |= next == NO_TURN;
@@ -80,10 +69,9 @@ fn open_round(
             return is_open.then_some(count);
         }
         // The other face of the element at the edge.
-        let entered = faces.place(leave);
         leave = search.scaffold.faces_of(element).find(|f| {
             let corners = face_nodes(search, *f);
-            nodes.iter().all(|n| corners.contains(n)) && faces.place(*f) != entered
+            nodes.iter().all(|n| corners.contains(n)) && Neighbour::Face(*f) != entered
         })?;
     }
     None

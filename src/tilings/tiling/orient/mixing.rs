@@ -9,9 +9,9 @@
 //! at all other nodes the own turn has weight 1. The weights of an element sum to one at each node. Interpolated
 //! between corners they agree on both sides of a face for sheets that continue there, and so do their sums.
 
-use super::search::{Faces, Search};
+use super::search::Search;
 use super::views::NO_TURN;
-use crate::scaffold::Scaffold;
+use crate::scaffold::FaceRef;
 use crate::tiling::mixture::{Layer, MixedTurn, Mixture};
 use druse_geometry::frame::Mat3;
 use druse_geometry::union_find::UnionFind;
@@ -23,34 +23,31 @@ const MIN_WEIGHT: f64 = 1e-12;
 /// An element and the class of one of its turns.
 type Sheet = (u32, u8);
 
-/// The faces over which cells do not continue.
-pub(super) struct BadFaces<'a> {
-    /// All shared faces.
-    pub faces: &'a Faces,
-    /// The places of the bad ones among them.
-    pub bad: &'a [u32],
-    /// The turns of all elements.
-    pub turns: &'a [u8],
-}
-
 /// The mixture that closes bad faces; `None` if a sheet at one of them does not continue in a single sheet.
-/// `turned` is the scaffold in its turns, `width` that of the layer in which turns are mixed.
+/// `bad` are the bad faces, `turns` those of all elements, `width` that of the layer in which turns are mixed.
 pub(super) fn mixture(
     search: &Search,
-    BadFaces { faces, bad, turns }: &BadFaces,
-    turned: &Scaffold,
+    bad: &[FaceRef],
+    turns: &[u8],
     width: Option<f64>,
 ) -> Option<Mixture> {
     let mut nodes = BTreeSet::new();
-    for &place in *bad {
-        let element = faces.list[place as usize].elements[0] as usize;
-        let own = search.scaffold.faces_of(element);
-        let own = own.filter(|f| faces.place(*f) == Some(place));
-        nodes.extend(own.flat_map(|f| crate::tiling::interface::corners(search.scaffold, f).1));
+    for &f in bad {
+        nodes.extend(crate::tiling::interface::corners(search.scaffold, f).1);
     }
     let mut stars: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    // The corners of the elements there, in the order of their turns.
+    let mut turned: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for e in search.scaffold.elements() {
-        let corners = &e.nodes()[..e.kind().corner_count()];
+        let count = e.kind().corner_count();
+        let corners = &e.nodes()[..count];
+        if corners.iter().any(|n| nodes.contains(n)) {
+            let own = &search.turns(e.index())[usize::from(turns[e.index()])];
+            let order = e.kind().turned_nodes(&own.matrix);
+            let order = order.unwrap_or_else(|| (0..count as u8).collect());
+            let in_turn = order[..count].iter().map(|&n| corners[usize::from(n)]);
+            turned.insert(e.index() as u32, in_turn.collect());
+        }
         for node in corners.iter().filter(|n| nodes.contains(n)) {
             let star = stars.entry(*node).or_default();
             // A degenerate element repeats a node.
@@ -62,10 +59,9 @@ pub(super) fn mixture(
     // By element and class of turn the weights at the corners; other nodes keep the own turn.
     let mut weights: BTreeMap<u32, BTreeMap<u8, [f64; 8]>> = BTreeMap::new();
     for (&node, star) in &stars {
-        for (&(element, class), w) in &node_weights(search, faces, turns, (node, star))? {
+        for (&(element, class), w) in &node_weights(search, turns, (node, star))? {
             let own_class = search.class(element as usize, turns[element as usize]);
-            let e = turned.element(element as usize);
-            let corners = &e.nodes()[..e.kind().corner_count()];
+            let corners = &turned[&element];
             let by_class = weights.entry(element).or_insert_with(|| {
                 let mut own = [0.0; 8];
                 for (w, corner) in own.iter_mut().zip(corners) {
@@ -87,12 +83,8 @@ pub(super) fn mixture(
         }
         let all = search.turns(element as usize);
         let own: Mat3 = all[usize::from(turns[element as usize])].matrix;
-        let e = turned.element(element as usize);
         let mut at_bad_faces = [false; 8];
-        for (is_at, corner) in at_bad_faces
-            .iter_mut()
-            .zip(&e.nodes()[..e.kind().corner_count()])
-        {
+        for (is_at, corner) in at_bad_faces.iter_mut().zip(&turned[&element]) {
             *is_at = nodes.contains(corner);
         }
         let layer = width.map(|width| Layer {
@@ -120,7 +112,6 @@ pub(super) fn mixture(
 /// The weights of the sheets around a node; `None` where one does not continue in a single sheet, there and back.
 fn node_weights(
     search: &Search,
-    faces: &Faces,
     turns: &[u8],
     (node, star): (u32, &[u32]),
 ) -> Option<BTreeMap<Sheet, f64>> {
@@ -134,7 +125,7 @@ fn node_weights(
     for (n, &(e, class)) in sheets.iter().enumerate() {
         let turn = search.turn_of_class(e as usize, class)?;
         for f in search.scaffold.faces_of(e as usize) {
-            let Some(face) = faces.get(f) else { continue };
+            let Some(face) = search.face(f) else { continue };
             let corners = crate::tiling::interface::corners(search.scaffold, f).1;
             if !corners.contains(&node) {
                 continue;

@@ -6,11 +6,10 @@
 //! one is taken whose cells lie best as [`Aim`] wants them, and of the turns that give the same cell the one that
 //! lies best too. The result does therefore not depend on how the elements were numbered.
 
-use super::views::{NO_TURN, Turn, Views};
+use super::views::{MAX_TURNS, NO_TURN, Turn, Views};
 use crate::scaffold::{FaceRef, Neighbour, Scaffold};
 use druse_geometry::frame::{Mat3, Vec3};
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// How cells lie where several ways of turning them all continue over the faces.
 #[derive(Clone, Debug, Default)]
@@ -130,97 +129,59 @@ impl Shared {
     }
 }
 
-/// The shared faces of a scaffold.
-pub(super) struct Faces {
-    pub list: Vec<Shared>,
-    /// By element and face, the place in the list; [`u32::MAX`] for others.
-    places: Vec<u32>,
-    /// By element, the entry of its first face in `places`.
-    starts: Vec<u32>,
-}
-
-impl Faces {
-    /// The shared faces in the order of their lower sides, by element and face.
-    pub fn new(scaffold: &Scaffold, views: &Views) -> Self {
-        let mut starts = Vec::with_capacity(scaffold.len());
-        let mut count = 0;
-        for e in 0..scaffold.len() {
-            starts.push(count);
-            count += scaffold.element(e).kind().faces().len() as u32;
-        }
-        let mut faces = Self {
-            list: Vec::new(),
-            places: vec![u32::MAX; count as usize],
-            starts,
-        };
-        let shared: Vec<([FaceRef; 2], Shared)> = (0..scaffold.len())
-            .into_par_iter()
-            .flat_map_iter(|e| scaffold.faces_of(e))
-            .filter_map(|f| match scaffold.neighbour(f) {
-                Neighbour::Face(g) if f < g => Some(([f, g], Shared::new(scaffold, views, f, g))),
-                _ => None,
-            })
-            .collect();
-        faces.list.reserve(shared.len());
-        for (sides, face) in shared {
-            for f in sides {
-                let at = faces.starts[f.element as usize] + u32::from(f.face);
-                faces.places[at as usize] = faces.list.len() as u32;
-            }
-            faces.list.push(face);
-        }
-        faces
-    }
-
-    /// A shared face as its element sees it: own side first.
-    pub fn get(&self, f: FaceRef) -> Option<Shared> {
-        let at = self.starts[f.element as usize] + u32::from(f.face);
-        let face = self.list.get(self.places[at as usize] as usize)?;
-        Some(if face.elements[0] == f.element {
-            *face
-        } else {
-            face.reversed()
-        })
-    }
-}
-
 /// A scaffold's elements with all that the search needs of them.
 pub(super) struct Search<'a> {
     pub scaffold: &'a Scaffold,
     pub views: &'a Views,
-    pub faces: &'a Faces,
     /// Whether the nodes of each element are in mirror order, so that only mirrored turns keep the handedness.
     is_mirror: Vec<bool>,
     /// Unit vectors along the reference axes at each centre.
     axes: Vec<Mat3>,
 }
 
-/// Elements that are joined by faces.
-struct Part {
-    root: u32,
-    /// The faces that the search crosses, each towards the next element.
-    way: Vec<Shared>,
-    /// Places of all shared faces.
-    faces: Vec<u32>,
+/// A turn of an element and how well it lies.
+#[derive(Clone, Copy)]
+struct Scored {
+    turn: u8,
+    score: f64,
 }
 
-/// Turns of the elements of a part, in the order of its search.
-struct Trial {
-    bad: Vec<u32>,
-    /// Sum of the scores of its elements.
+/// The elements of a part that several trials have turned, each from another turn of the first element.
+struct Trials<'a> {
+    /// By element of the scaffold its place in the part's order.
+    places: &'a [u32],
+    count: usize,
+    /// By place, then by trial.
+    turns: Vec<u8>,
+}
+
+/// What a trial makes of some elements.
+#[derive(Clone, Default)]
+struct Outcome {
+    /// Number of their faces over which the cells do not continue.
+    bad: usize,
+    /// Sum of the scores of `turns`.
     score: f64,
+    /// Of the turns that give the same cells, those that lie best.
     turns: Vec<u8>,
 }
 
 /// The turns of all elements.
 pub(super) struct Found {
     pub turns: Vec<u8>,
-    /// Places of the faces over which cells do not continue.
-    pub bad: Vec<u32>,
+    /// The faces over which cells do not continue, from the side with the lower number.
+    pub bad: Vec<FaceRef>,
+}
+
+impl Trials<'_> {
+    /// The turn of an element in a trial.
+    fn turn(&self, element: u32, trial: usize) -> u8 {
+        self.turns[self.places[element as usize] as usize * self.count + trial]
+    }
 }
 
 impl<'a> Search<'a> {
-    pub fn new(scaffold: &'a Scaffold, views: &'a Views, faces: &'a Faces) -> Self {
+    pub fn new(scaffold: &'a Scaffold, views: &'a Views) -> Self {
         let (is_mirror, axes) = (0..scaffold.len())
             .into_par_iter()
             .map(|e| {
@@ -236,10 +197,18 @@ impl<'a> Search<'a> {
         Self {
             scaffold,
             views,
-            faces,
             is_mirror,
             axes,
         }
+    }
+
+    /// A shared face as its element sees it: own side first.
+    pub fn face(&self, f: FaceRef) -> Option<Shared> {
+        let Neighbour::Face(g) = self.scaffold.neighbour(f) else {
+            return None;
+        };
+        let face = Shared::new(self.scaffold, self.views, f.min(g), f.max(g));
+        Some(if f < g { face } else { face.reversed() })
     }
 
     /// The turn of the neighbour behind a face that continues a turned element; [`NO_TURN`] if there is none.
@@ -275,22 +244,27 @@ impl<'a> Search<'a> {
         found.map(|n| n as u8)
     }
 
-    /// Of the turns of an element that keep its handedness, the one of each class that lies best, with its score.
-    fn best(&self, element: usize, aim: &Aim, best: &mut Vec<(u8, u8, f64)>) {
-        best.clear();
-        let shape = self.views.shape(self.scaffold.element(element).shape());
+    /// Of the turns of an element that keep its handedness, by class the one that lies best; [`NO_TURN`] for others.
+    fn best(&self, element: usize, aim: &Aim) -> [Scored; MAX_TURNS] {
+        let mut best = [Scored {
+            turn: NO_TURN,
+            score: f64::NEG_INFINITY,
+        }; MAX_TURNS];
         let aim = aim.of_element(element, &self.axes[element]);
-        for (n, turn) in shape.turns.iter().enumerate() {
+        for (n, turn) in self.turns(element).iter().enumerate() {
             if turn.is_mirror != self.is_mirror[element] {
                 continue;
             }
             let score = aim.score(&turn.matrix);
-            match best.iter_mut().find(|b| b.0 == turn.class) {
-                Some(b) if b.2 >= score => {}
-                Some(b) => (b.1, b.2) = (n as u8, score),
-                None => best.push((turn.class, n as u8, score)),
+            let best = &mut best[usize::from(turn.class)];
+            if score > best.score {
+                *best = Scored {
+                    turn: n as u8,
+                    score,
+                };
             }
         }
+        best
     }
 
     /// The turns of all elements with the fewest bad faces.
@@ -303,8 +277,8 @@ impl<'a> Search<'a> {
             // A component by sharing of faces may fall apart where more than two elements share one.
             for &root in component {
                 if places[root as usize] == u32::MAX {
-                    let part = self.part(root, &mut places);
-                    bad.extend(self.turn_part(&part, &places, aim, &mut turns));
+                    let way = self.way(root, &mut places);
+                    bad.extend(self.turn_part(root, &way, &places, aim, &mut turns));
                 }
             }
         }
@@ -312,151 +286,150 @@ impl<'a> Search<'a> {
         Found { turns, bad }
     }
 
-    /// The elements that a breadth-first search from an element reaches.
-    fn part(&self, root: u32, places: &mut [u32]) -> Part {
-        let mut part = Part {
-            root,
-            way: Vec::new(),
-            faces: Vec::new(),
-        };
+    /// The faces that a breadth-first search from an element crosses, each towards the next element.
+    fn way(&self, root: u32, places: &mut [u32]) -> Vec<FaceRef> {
+        let mut way = Vec::new();
         places[root as usize] = 0;
         let mut from = root;
         for next in 0.. {
             for f in self.scaffold.faces_of(from as usize) {
-                let Some(face) = self.faces.get(f) else {
+                let Neighbour::Face(g) = self.scaffold.neighbour(f) else {
                     continue;
                 };
-                let to = &mut places[face.elements[1] as usize];
+                let to = &mut places[g.element as usize];
                 if *to == u32::MAX {
-                    part.way.push(face);
-                    *to = part.way.len() as u32;
-                }
-                // From the side that the list has first.
-                if let Some(place) = self.faces.place(f)
-                    && self.faces.list[place as usize].elements[0] == from
-                {
-                    part.faces.push(place);
+                    // From the far side, which names the next element.
+                    way.push(g);
+                    *to = way.len() as u32;
                 }
             }
-            match part.way.get(next) {
-                Some(face) => from = face.elements[1],
+            match way.get(next) {
+                Some(g) => from = g.element,
                 None => break,
             }
         }
-        part
+        way
     }
 
     /// Turns the elements of a part; returns the bad faces among them.
-    fn turn_part(&self, part: &Part, places: &[u32], aim: &Aim, turns: &mut [u8]) -> Vec<u32> {
-        let elements = std::iter::once(part.root).chain(part.way.iter().map(|f| f.elements[1]));
-        let elements: Vec<u32> = elements.collect();
-        let mut starts = Vec::new();
-        self.best(part.root as usize, aim, &mut starts);
-        // A trial that is given up has more bad faces than another, whatever the order in which trials end.
-        let fewest = AtomicUsize::new(usize::MAX);
-        let mut trials: Vec<Trial> = starts
-            .into_par_iter()
-            .map(|(_, start, _)| self.trial(part, places, start, &fewest))
+    fn turn_part(
+        &self,
+        root: u32,
+        way: &[FaceRef],
+        places: &[u32],
+        aim: &Aim,
+        turns: &mut [u8],
+    ) -> Vec<FaceRef> {
+        let elements: Vec<u32> = std::iter::once(root)
+            .chain(way.iter().map(|g| g.element))
             .collect();
-        let fewest = fewest.into_inner();
-        trials.retain(|t| t.bad.len() == fewest);
-        // By trial the turn of the same cell that lies best, for each element, and the sum of their scores.
-        let chosen: Vec<Vec<(Vec<u8>, f64)>> = elements
+        let starts = self.best(root as usize, aim);
+        let starts = starts.iter().map(|s| s.turn).filter(|t| *t != NO_TURN);
+        let trials = self.trials(way, places, starts.collect());
+        let chunks: Vec<Vec<Outcome>> = elements
             .par_chunks(SCORED_ELEMENTS)
-            .enumerate()
-            .map(|(n, own)| self.best_of_classes(own, n * SCORED_ELEMENTS, &trials, aim))
+            .map(|own| self.outcomes(own, &trials, aim))
             .collect();
-        for (n, trial) in trials.iter_mut().enumerate() {
-            trial.turns.clear();
-            for chunk in &chosen {
-                trial.turns.extend_from_slice(&chunk[n].0);
-                trial.score += chunk[n].1;
-            }
-        }
-        let better = |a: Trial, b: Trial| if b.score > a.score { b } else { a };
-        let Some(chosen) = trials.into_iter().reduce(better) else {
+        // Sums in the order of the chunks do not depend on threads.
+        let sums: Vec<(usize, f64)> = (0..trials.count)
+            .map(|n| {
+                let own = chunks.iter().map(|c| (c[n].bad, c[n].score));
+                own.fold((0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1))
+            })
+            .collect();
+        let better = |&a: &usize, &b: &usize| {
+            let by_faces = sums[b].0.cmp(&sums[a].0);
+            by_faces.then(sums[a].1.total_cmp(&sums[b].1))
+        };
+        let Some(chosen) = (0..trials.count).rev().max_by(better) else {
             return Vec::new();
         };
-        for (e, turn) in elements.into_iter().zip(chosen.turns) {
+        let own = chunks.iter().flat_map(|c| &c[chosen].turns);
+        for (&e, &turn) in elements.iter().zip(own) {
             turns[e as usize] = turn;
         }
-        chosen.bad
+        if sums[chosen].0 == 0 {
+            return Vec::new();
+        }
+        let bad = elements.iter().flat_map(|&e| self.own_faces(e));
+        bad.filter(|(_, face)| self.is_bad(face, chosen, &trials))
+            .map(|(f, _)| f)
+            .collect()
     }
 
-    /// The turns that follow from that of a part's first element. The list of bad faces ends once it is longer than
-    /// `fewest`, which becomes the least number in any trial.
-    fn trial(&self, part: &Part, places: &[u32], start: u8, fewest: &AtomicUsize) -> Trial {
-        let mut turns = Vec::with_capacity(part.way.len() + 1);
-        turns.push(start);
-        for face in &part.way {
+    /// The shared faces that an element has from the side with the lower number.
+    fn own_faces(&self, element: u32) -> impl Iterator<Item = (FaceRef, Shared)> {
+        let faces = self.scaffold.faces_of(element as usize);
+        faces.filter_map(|f| match self.scaffold.neighbour(f) {
+            Neighbour::Face(g) if f < g => Some((f, Shared::new(self.scaffold, self.views, f, g))),
+            _ => None,
+        })
+    }
+
+    /// Whether the cells of a trial do not continue over a face.
+    fn is_bad(&self, face: &Shared, trial: usize, trials: &Trials) -> bool {
+        let [a, b] = [0, 1].map(|side| {
+            let turn = trials.turn(face.elements[side], trial);
+            self.views.image(face.views[side], turn)
+        });
+        !self.views.fits(a, b)
+    }
+
+    /// The turns that follow from those of a part's first element, one in each trial. All trials go the way together,
+    /// since finding the faces takes longer than turning the elements behind them.
+    fn trials<'b>(&self, way: &[FaceRef], places: &'b [u32], starts: Vec<u8>) -> Trials<'b> {
+        let (count, mut turns) = (starts.len(), starts);
+        turns.reserve(way.len() * count);
+        let faces: Vec<Option<Shared>> = way.par_iter().map(|g| self.face(*g)).collect();
+        for face in faces.into_iter().flatten().map(Shared::reversed) {
             let [from, to] = face.elements.map(|e| e as usize);
-            let turn = self.next(face, turns[places[from] as usize]);
-            // Behind a face that no turn continues, the search goes on with any turn.
-            turns.push(if turn == NO_TURN {
-                self.first_turn(to)
-            } else {
-                turn
-            });
-        }
-        let mut bad = Vec::new();
-        for &place in &part.faces {
-            let face = &self.faces.list[place as usize];
-            let [a, b] = [0, 1].map(|side| {
-                let turn = turns[places[face.elements[side] as usize] as usize];
-                self.views.image(face.views[side], turn)
-            });
-            if !self.views.fits(a, b) {
-                bad.push(place);
-                if bad.len() > fewest.load(Ordering::Relaxed) {
-                    break;
-                }
+            let from = places[from] as usize * count;
+            for n in from..from + count {
+                let turn = self.next(&face, turns[n]);
+                // Behind a face that no turn continues, the search goes on with any turn.
+                turns.push(if turn == NO_TURN {
+                    self.first_turn(to)
+                } else {
+                    turn
+                });
             }
         }
-        fewest.fetch_min(bad.len(), Ordering::Relaxed);
-        Trial {
-            bad,
-            score: 0.0,
+        Trials {
+            places,
+            count,
             turns,
         }
     }
 
-    /// For each trial, the best turns of elements from place `first` of the search on that give the same cells as the
-    /// trial's, and the sum of their scores.
-    fn best_of_classes(
-        &self,
-        elements: &[u32],
-        first: usize,
-        trials: &[Trial],
-        aim: &Aim,
-    ) -> Vec<(Vec<u8>, f64)> {
-        let mut chosen = vec![(Vec::with_capacity(elements.len()), 0.0); trials.len()];
-        let mut best = Vec::new();
-        for (n, &e) in elements.iter().enumerate() {
-            self.best(e as usize, aim, &mut best);
-            for (trial, (turns, score)) in trials.iter().zip(&mut chosen) {
-                let turn = trial.turns[first + n];
-                let class = self.class(e as usize, turn);
-                let found = best.iter().find(|b| b.0 == class);
-                turns.push(found.map_or(turn, |b| b.1));
-                *score += found.map_or(0.0, |b| b.2);
+    /// What each trial makes of elements of a part.
+    fn outcomes(&self, elements: &[u32], trials: &Trials, aim: &Aim) -> Vec<Outcome> {
+        let mut outcomes = vec![Outcome::default(); trials.count];
+        for &e in elements {
+            for (_, face) in self.own_faces(e) {
+                for (n, outcome) in outcomes.iter_mut().enumerate() {
+                    outcome.bad += usize::from(self.is_bad(&face, n, trials));
+                }
+            }
+            let best = self.best(e as usize, aim);
+            for (n, outcome) in outcomes.iter_mut().enumerate() {
+                let turn = trials.turn(e, n);
+                let found = best[usize::from(self.class(e as usize, turn))];
+                // No turn of an element without size lies better than another.
+                let (turn, score) = match found.turn {
+                    NO_TURN => (turn, 0.0),
+                    best => (best, found.score),
+                };
+                outcome.turns.push(turn);
+                outcome.score += score;
             }
         }
-        chosen
+        outcomes
     }
 
     /// The first turn that keeps the handedness of an element.
     fn first_turn(&self, element: usize) -> u8 {
-        let shape = self.views.shape(self.scaffold.element(element).shape());
-        let keeps = |t: &super::views::Turn| t.is_mirror == self.is_mirror[element];
-        shape.turns.iter().position(keeps).map_or(0, |n| n as u8)
-    }
-}
-
-impl Faces {
-    /// The place of a shared face in the list.
-    pub fn place(&self, f: FaceRef) -> Option<u32> {
-        let at = self.starts[f.element as usize] + u32::from(f.face);
-        let place = self.places[at as usize];
-        (place != u32::MAX).then_some(place)
+        let keeps = |t: &Turn| t.is_mirror == self.is_mirror[element];
+        let found = self.turns(element).iter().position(keeps);
+        found.map_or(0, |n| n as u8)
     }
 }

@@ -31,7 +31,31 @@ fn shuffled(scaffold: &Scaffold, seed: u64) -> Scaffold {
             &own[draw(&mut state, own.len())]
         })
         .collect();
-    scaffold.turned(|e| Some(drawn[e]))
+    let mut turned = scaffold.clone();
+    turned.turn(|e, _| Some(drawn[e]));
+    turned
+}
+
+/// A turned copy of a scaffold.
+struct Found {
+    scaffold: Scaffold,
+    turned: usize,
+    mixture: Mixture,
+}
+
+fn orient(
+    scaffold: &Scaffold,
+    members: &[Member<Cell>],
+    aim: &Aim,
+    mismatch: Mismatch,
+) -> Result<Option<Found>, TilingError> {
+    let mut scaffold = Arc::new(scaffold.clone());
+    let found = super::orient(&mut scaffold, members, aim, mismatch)?;
+    Ok(found.map(|Oriented { turned, mixture }| Found {
+        scaffold: Arc::unwrap_or_clone(scaffold),
+        turned,
+        mixture,
+    }))
 }
 
 /// A grid with displaced nodes.
@@ -393,7 +417,8 @@ fn other_shapes_and_functions_are_turned_too() {
     let weave = Cell::new("weave", Element::Quad, weave).unwrap();
     let plate = warped(Kind::Hex8, [4, 3, 1]);
     let quarter = Mat3::new(0., -1., 0., 1., 0., 0., 0., 0., 1.);
-    let mixed = plate.turned(|e| (e % 3 == 1).then_some(&quarter));
+    let mut mixed = plate.clone();
+    mixed.turn(|e, _| (e % 3 == 1).then_some(&quarter));
     assert!(!continues(&mixed, &member(&weave)));
     let found = orient(&mixed, &member(&weave), &Aim::World, Mismatch::Refuse)
         .unwrap()
@@ -489,7 +514,8 @@ fn every_turn_of_every_kind_moves_reference_points_and_keeps_the_map() {
         for turn in
             operators_of(kind.shape(), druse_cells::cell::default_group(kind.shape())).unwrap()
         {
-            let after = before.turned(|_| Some(&turn));
+            let mut after = before.clone();
+            after.turn(|_, _| Some(&turn));
             for p in kind.reference_nodes() {
                 let xi = kind.shape().centroid().0.lerp(&p.0, 0.7);
                 let x = before.element(0).map(CellPoint(xi)).0;

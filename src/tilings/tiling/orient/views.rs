@@ -17,7 +17,7 @@ const MAX_DIFFERENCE: f64 = 1e-5;
 const MAX_SLOPE_DIFFERENCE: f64 = 1e-3;
 
 /// Greatest number of symmetries of a shape: those of the cube.
-const MAX_TURNS: usize = 48;
+pub(super) const MAX_TURNS: usize = 48;
 
 /// No turn continues the cell.
 pub(super) const NO_TURN: u8 = u8::MAX;
