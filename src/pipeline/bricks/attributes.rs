@@ -48,8 +48,7 @@ impl BrickRun<'_> {
         })
     }
 
-    /// Makes the attribute files of some words at all active voxels; bricks with valid files are
-    /// skipped.
+    /// Makes the attribute files of some words at all active voxels; bricks with valid files are skipped.
     pub fn make_attributes(
         &self,
         words: &[GridWord],
@@ -61,6 +60,7 @@ impl BrickRun<'_> {
         }
         let quiet = CancelOnly(self.progress);
         let context = solid.bricks.context(self, &quiet);
+        // In recipe units, factor 1.0; each file converts them when it is written.
         let attributes = Attributes::new(context, self.inputs, words, thickness, 1.0)?;
         let count = solid.bricks.len();
         self.progress.stage("grids", Some(count as u64));
@@ -149,10 +149,10 @@ impl BrickRun<'_> {
             let (origin, mask) = (leaves.origins[n], leaves.masks[n]);
             // A leaf has 8^3 = 512 voxels: bit n of its mask, in words of 64 bits, is voxel (n / 64, n / 8 mod 8,
             // n mod 8).
-            let active = (0..512usize).filter(|n| mask[n >> 6] >> (n & 63) & 1 == 1);
+            let active = (0..512usize).filter(|n| (mask[n >> 6] >> (n & 63)) & 1 == 1);
             let points = active.map(|n| {
                 let n = n as i32;
-                let voxel = origin.offset(n >> 6, n >> 3 & 7, n & 7);
+                let voxel = origin.offset(n >> 6, (n >> 3) & 7, n & 7);
                 transform.world(voxel).0
             });
             Ok(attributes.values(points))

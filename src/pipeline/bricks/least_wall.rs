@@ -50,7 +50,7 @@ pub(super) fn sampled_walls(
 /// The eight cubes of a block.
 fn cubes_of(block: Coord) -> impl Iterator<Item = Region> {
     (0..8).map(move |n| {
-        let offset = |shift: u32| (n >> shift & 1) * CUBE_EDGE;
+        let offset = |shift: u32| ((n >> shift) & 1) * CUBE_EDGE;
         Region::cube(block.offset(offset(2), offset(1), offset(0)), CUBE_EDGE)
     })
 }
@@ -68,8 +68,7 @@ fn cube_walls(
     let context = stored.bricks.context(brick_run, &quiet);
     let failed = RunError::level_set("walls");
     let h = context.scale.voxel_size;
-    // A ball at a vertex of the cube has its opposite contact within its diameter, so the surface is
-    // needed that far.
+    // A ball at a vertex of the cube has its opposite contact within its diameter: the surface is needed that far.
     let around = cube.grown(MAX_BRICK_WALL);
     let solid = part(
         context,

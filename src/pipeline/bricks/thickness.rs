@@ -22,7 +22,6 @@ struct BrickSurface<'a> {
 }
 
 impl RegionalSurface for BrickSurface<'_> {
-    // The regions of level 0.
     fn regions(&self) -> Vec<Region> {
         let bricks = &self.solid.bricks;
         (0..bricks.len()).map(|n| bricks.region(n)).collect()
@@ -78,11 +77,12 @@ pub(super) fn thickness(brick_run: &BrickRun, solid: &StoredSolid) -> Result<Thi
         voxel_size: solid.bricks.voxels.scale.voxel_size,
     };
     let [min, max] = solid.store.bounds().unwrap_or([Coord([0; 3]); 2]);
-    let sides = (0..3).map(|a| f64::from(max[a]) - f64::from(min[a]) + 1.0);
+    // Edges of the box in voxels; both ends count.
+    let edges = (0..3).map(|a| f64::from(max[a]) - f64::from(min[a]) + 1.0);
     let geometry = SolidGeometry {
         lattice,
         active_voxels: solid.store.active_voxels(),
-        extent: sides.fold(0.0, f64::max),
+        extent: edges.fold(0.0, f64::max),
     };
     let surface = BrickSurface {
         brick_run,

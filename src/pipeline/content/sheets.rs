@@ -112,8 +112,7 @@ impl SheetThickness {
     ) -> Result<(Box<WorldField<'a>>, Kernel), RunError> {
         let h = options.tiling.voxel_size;
         let [least, greatest] = self.range;
-        // Distances to the mid-surface must hold up to half the thickness and the half width of the
-        // band.
+        // Distances to the mid-surface must hold up to half the thickness and the half width of the band.
         let reach = (greatest / 2.0 + options.tiling.half_width) * REACH_SLACK;
         let mid = TilingOptions {
             boundary: Boundary::Extend,
@@ -151,6 +150,7 @@ impl SheetThickness {
                 ClosestPointField::new(near_field, far_field, transform, reach).near(self.inside()),
             )
         };
+        // Equal up to the rounding of its interpolation.
         let thickness = if greatest - least <= 1e-12 * greatest {
             LocalThickness::Uniform(greatest)
         } else {
@@ -250,7 +250,7 @@ impl GradedThickness<'_> {
     fn at_point(&self, point: Coord) -> f64 {
         let Coord([x, y, z]) = point;
         // Neighbouring points go to different shards, so that threads seldom wait for each other.
-        let shard = (x ^ y << 1 ^ z << 2).rem_euclid(SHARDS as i32) as usize;
+        let shard = (x ^ (y << 1) ^ (z << 2)).rem_euclid(SHARDS as i32) as usize;
         let cache = || {
             self.cache[shard]
                 .lock()
@@ -269,7 +269,7 @@ impl GradedThickness<'_> {
     }
 
     /// The thickness at a grid point without the cache. Outside the scaffold it is that of the closest point of
-    /// its outer faces, or the mean of the nearest points where rounding puts that one outside too.
+    /// its outer faces, or the mean of the nearest points where rounding puts that one outside too; 0 without points.
     fn find(&self, point: Coord) -> f64 {
         let p = Vec3::from(point.0.map(|c| f64::from(c * THICKNESS_STEP) * self.step));
         if let Some(value) = self.graded.at(WorldPoint(p)) {
@@ -301,7 +301,7 @@ impl GradedThickness<'_> {
     /// The thickness at the corners of a cube of grid points, z fastest.
     fn corner_values(&self, least: Coord) -> [f64; 8] {
         std::array::from_fn(|n| {
-            let [x, y, z] = [n >> 2, n >> 1 & 1, n & 1].map(|c| c as i32);
+            let [x, y, z] = [n >> 2, (n >> 1) & 1, n & 1].map(|c| c as i32);
             self.at_point(least.offset(x, y, z))
         })
     }
@@ -329,7 +329,7 @@ impl GradedThickness<'_> {
 fn trilinear(corner_values: &[f64; 8], fraction: Vec3) -> (f64, Vec3) {
     let (mut value, mut slope) = (0.0, Vec3::zeros());
     for (n, c) in corner_values.iter().enumerate() {
-        let bits = [n >> 2, n >> 1 & 1, n & 1];
+        let bits = [n >> 2, (n >> 1) & 1, n & 1];
         let weight = |a: usize| {
             if bits[a] == 1 {
                 fraction[a]

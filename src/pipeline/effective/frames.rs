@@ -63,7 +63,7 @@ fn of_tet(element: &ElementMap, packing: Packing) -> Option<ElementFrame> {
     let mut best: Option<ElementFrame> = None;
     for n in 0..256usize {
         // Two bits of n per vertex; the 24 permutations among the 256 numbers are used.
-        let order = [n & 3, n >> 2 & 3, n >> 4 & 3, n >> 6];
+        let order = [n & 3, (n >> 2) & 3, (n >> 4) & 3, n >> 6];
         let is_permutation = (0..4).all(|v| order.contains(&v));
         if !is_permutation {
             continue;
@@ -106,7 +106,7 @@ pub(in super::super) fn frames(scaffold: &Scaffold) -> (Vec<Option<ElementFrame>
     }
 }
 
-/// The mean ratio of the edges of elements along x, y, z of the period, weighted by their volumes, of product 1.
+/// The geometric mean ratio of the edges of elements along x, y, z of the period, weighted by volume, of product 1.
 /// `all` are frames with volumes.
 pub(in super::super) fn mean_aspect<'a>(
     all: impl Iterator<Item = (&'a ElementFrame, f64)>,

@@ -52,7 +52,7 @@ impl FieldGrid {
         let voxels = voxels.map(|v| Vec3::from(v.map(f64::from)));
         // A rotated box is bounded by the images of its corners.
         let corners = (0..8u8).map(|c| {
-            let corner = Vec3::from_fn(|a, _| voxels[usize::from(c >> a & 1)][a]);
+            let corner = Vec3::from_fn(|a, _| voxels[usize::from((c >> a) & 1)][a]);
             outward(map.world(corner))
         });
         Ok(Self {
@@ -89,7 +89,7 @@ impl FieldGrid {
         let first = index.map(f64::floor);
         let fraction = index - first;
         let corner = |n: i32| {
-            let bits = [n & 1, n >> 1 & 1, n >> 2 & 1];
+            let bits = [n & 1, (n >> 1) & 1, (n >> 2) & 1];
             let voxel = [0, 1, 2].map(|a| first[a] as i32 + bits[a]);
             // Trilinear weights: the product over the axes of f or 1 - f.
             let weight: f64 = (0..3)
@@ -103,7 +103,6 @@ impl FieldGrid {
                 .product();
             (Coord(voxel), weight)
         };
-        // Voxels without weight may be missing.
         let corners: Vec<(Coord, f64)> = (0..8).map(corner).filter(|c| c.1 > MIN_WEIGHT).collect();
         let voxels: Vec<Coord> = corners.iter().map(|c| c.0).collect();
         let values = self.values(&voxels);

@@ -136,7 +136,7 @@ fn companions(output: &Output, path: &Path) -> impl Iterator<Item = PathBuf> {
         let is_component = has_components
             && number.is_some_and(|n| n.bytes().all(|b| b.is_ascii_digit()))
             && (is_scene || other.extension() == extension.as_deref());
-        other == Path::new(&bricks) || is_component || is_scene && other_stem == stem
+        other == Path::new(&bricks) || is_component || (is_scene && other_stem == stem)
     };
     let folder = path.parent().filter(|f| !f.as_os_str().is_empty());
     let folder = folder.unwrap_or(Path::new(".")).to_owned();

@@ -99,9 +99,8 @@ impl CellTiling {
             };
             let mut is_used = false;
             for e in 0..scaffold.len() {
-                // Whether the element is in the group of the entry.
-                let file_entry = members.is_none_or(|m| m.binary_search(&(e as u32)).is_ok());
-                if file_entry && inside[e] > 0.0 {
+                let is_member = members.is_none_or(|m| m.binary_search(&(e as u32)).is_ok());
+                if is_member && inside[e] > 0.0 {
                     cell_of[e] = cell_index;
                     is_used = true;
                 }
