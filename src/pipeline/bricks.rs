@@ -491,7 +491,7 @@ fn choose_layout(
     }
     let passes = passes(inputs);
     let (halo, reach) = (max_halo(&passes), total_reach(before_resampling(&passes)));
-    // A brick with its halo on both sides must fit into one part.
+    // A brick with its halo on both sides must fit into one part; without a halo no part is made.
     let max_edge = match halo {
         0 => i32::MAX,
         _ => (MAX_PART_EDGE - 2 * halo).max(0) / BLOCK,

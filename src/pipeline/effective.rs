@@ -50,7 +50,8 @@ impl<'a> EffectiveElements<'a> {
     /// The elements of the recipe's tiling.
     ///
     /// # Errors
-    /// [`RunError`]: no tiling, or elements and cells that have no homogenised law.
+    /// [`RunError`]: no tiling, elements and cells that have no homogenised law, an element that is degenerate at its
+    /// centre, or a graded quantity that is not finite.
     pub fn of(inputs: &'a Inputs) -> Result<Self, RunError> {
         let Some(tiling) = inputs.tiling() else {
             return Err(RunError::Tiling(
@@ -85,9 +86,8 @@ impl<'a> EffectiveElements<'a> {
         let mut fixed: Vec<Option<f64>> = Vec::new();
         for e in scaffold.elements() {
             let element_weights = weights.list(e.index(), e.shape().centroid());
-            // A blend has no law of its own: the cell with the greatest weight at the centre stands for
-            // it; of equal ones the first.
-            // `max_by` returns the last of equal ones; comparing the numbers backwards makes it the first.
+            // A blend has no law of its own: the cell with the greatest weight at the centre stands for it. `max_by`
+            // returns the last of equal ones; comparing the numbers backwards makes it the first.
             let greatest = (0..element_weights.len()).max_by(|&a, &b| {
                 element_weights[a]
                     .total_cmp(&element_weights[b])

@@ -117,7 +117,8 @@ pub(super) fn shortage_error(
     }
     let h = inputs.recipe.scale().voxel_size;
     let base = memory::resident() as f64;
-    // Memory grows with the number of leaves, that is about h^-2. 5 % of the budget are left as a margin.
+    // Memory grows with the number of leaves, that is about h^-2. 5 % of the budget are left as a margin, and 1 MB at
+    // least is taken where the process alone exceeds it.
     let growth = (needed as f64 - base) / (available as f64 * 0.95 - base).max(1e6);
     // Two digits, rounded up.
     let raw = h * growth.max(1.0).sqrt();
@@ -192,7 +193,7 @@ fn full_box_counts(inputs: &Inputs) -> Result<Option<Counts>, RunError> {
         return Ok(None);
     };
     let half_width = inputs.recipe.sections().band.half_width.0;
-    // One more leaf on each side.
+    // The band and one more leaf on each side; a leaf has 512 voxels.
     let around = 2.0 * (half_width + 8.0);
     let edges = (bounds.size() / scale.voxel_size).add_scalar(around);
     let voxels = edges.product();
@@ -231,7 +232,7 @@ pub(super) fn counts(
             leaves: counts.leaves * factor,
             peak_leaves: counts.peak_leaves * factor,
             active: counts.active * factor,
-            // The surface area does not depend on the voxels.
+            // The area is the same on all voxels, so that crossings grow as h^-2.
             points: counts.points * 4f64.powi(level),
             seconds: counts.seconds * factor,
         };
@@ -259,6 +260,7 @@ fn after_resampling(inputs: &Inputs, mut counts: Counts) -> Counts {
     for op in &inputs.recipe.sections().op {
         let Op::Resample(op) = op else { continue };
         for step in voxels.resampling_steps(op) {
+            // A surface has a number of voxels that falls with the square of their edge. Blocks never count as fewer.
             let finer = step.factor().powi(-2);
             counts.leaves *= step.leaf_ratio();
             counts.peak_leaves = counts.peak_leaves.max(counts.leaves);
@@ -355,7 +357,7 @@ pub(super) fn solid_bytes(inputs: &Inputs, c: &Counts) -> f64 {
     let tree = rates::LEAF_BYTES * c.peak_leaves;
     let (operations, voxels) = operations(inputs);
     let copies = operations.iter().map(|o| o.0).fold(0.0, f64::max);
-    // The allocator keeps half of what a filter has used.
+    // Measured: the allocator keeps half of what a filter has used.
     let retained = 0.5 * copies;
     let measured = c.points * (rates::MESH_POINT_BYTES + rates::WALL_POINT_BYTES)
         + rates::THICKNESS_POINT_BYTES * thickness_points(inputs, c);
@@ -393,7 +395,7 @@ fn thickness_points(inputs: &Inputs, c: &Counts) -> f64 {
     }
 }
 
-/// Seconds on two threads, as the rates were measured.
+/// Seconds on two threads, as the rates were measured; the sampling was timed on one.
 fn seconds(inputs: &Inputs, c: &Counts) -> f64 {
     let by_voxel: f64 = operations(inputs).0.iter().map(|o| o.1).sum();
     let outputs = inputs.recipe.sections().output.iter();
@@ -444,7 +446,7 @@ pub(super) fn predict(inputs: &Inputs, threads: &Threads, c: &Counts) -> Estimat
     let tiling = inputs.tiling();
     let mut memory = solid_bytes(inputs, c);
     if tiling.is_some_and(|tiling| matches!(tiling.content(), Content::Sheets(_))) {
-        // Until the leaves are sampled.
+        // Sheets keep closest points until the leaves are sampled.
         let sampling = rates::LEAF_BYTES * c.peak_leaves + ClosestPointField::BYTES_KEPT as f64;
         memory = memory.max(sampling);
     }

@@ -56,7 +56,7 @@ pub struct GradeOptions {
     pub field: String,
     /// What elements are compared by; by the field's number of components when left out.
     pub rule: Option<GradeRule>,
-    /// The stress of a fully stressed element, in the deck's units.
+    /// The measure (stress or energy) of a fully stressed element, in the deck's units: the target without `mass`.
     pub limit: Option<f64>,
     /// The mass of the new part over that of the present one; 1 when both this and the limit are left out.
     pub mass: Option<f64>,
@@ -121,8 +121,7 @@ pub fn grade(
     threads.install(|| graded(&inputs, options, output, session))
 }
 
-/// Makes the new grading from the results of the recipe's deck, writes it with the measure and both
-/// fractions, and reports how it differs.
+/// Makes the new grading from the results of the recipe's deck, writes it with measure and fractions, and reports it.
 fn graded(
     inputs: &Inputs,
     options: &GradeOptions,
@@ -237,7 +236,8 @@ fn graded(
     })
 }
 
-/// The quantity that a grading changes: the recipe's thickness, else the volume fraction.
+/// The quantity that a grading changes: the recipe's thickness, else the volume fraction. Refuses a level, and beams
+/// without a thickness.
 fn quantity(elements: &EffectiveElements) -> Result<GradedQuantity, RunError> {
     let own = elements.cells.first().and_then(|c| c.quantity);
     match own {
@@ -265,6 +265,7 @@ fn laws(
     let law = |c: usize| {
         let cell = elements.cells[c];
         let [low, high] = elements.range(c);
+        // A present thickness above the limit stays in the table.
         let most = MAX_THICKNESS.max(high);
         let low = low / THICKNESS_RANGE;
         let high = (high * THICKNESS_RANGE).min(most);

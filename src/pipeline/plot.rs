@@ -98,7 +98,7 @@ pub fn plot(cell: &Cell, source: Option<&Source>) -> Plot {
     let element = cell.element();
     let mut canvas = Canvas::new(WIDTH, HEIGHT);
     let bounds = element.cell_box();
-    // A diagonal slice of the cube is 1.41 edges wide.
+    // Half the extent of a slice: a diagonal one of the cube is 1.41 edges wide, and 2 * 0.43 * 1.73 = 1.49.
     let reach = (bounds.max - bounds.min).norm() * 0.43;
     for (n, plane) in planes(element).iter().enumerate() {
         let x = MARGIN + n * (SLICE + MARGIN);
@@ -203,6 +203,7 @@ fn slice(
     for y in 0..SLICE {
         for x in 0..SLICE {
             let v = interpolated(&cell_values, x, y);
+            // Points on the element's faces are inside, up to rounding.
             let outside = interpolated(&edge, x, y) > 1e-9;
             let mut shade = Shade::of(v / scale, outside);
             if crosses(&edge, x, y) {
@@ -299,8 +300,7 @@ fn truncated<const D: usize>(
                 .par_iter()
                 .zip(&targets)
                 .map(|(p, g)| (truncated_series.value(place(*p)) - g).powi(2))
-                // The sum is in the order of the points, so that it is the same at any number of
-                // threads.
+                // Summed in the order of the points, so that it is the same at any number of threads.
                 .collect::<Vec<_>>()
                 .into_iter()
                 .sum();
@@ -312,6 +312,7 @@ fn truncated<const D: usize>(
 /// Draws the error over the number of coefficients, both on logarithmic axes; `against_source` only chooses the
 /// label. Fewer than two points give a line of text instead.
 fn chart(canvas: &mut Canvas, curve: &[(usize, f64)], against_source: bool) {
+    // Pixels beside the chart hold labels: the decades to the left, the numbers below, the title above.
     let (left, top) = (MARGIN + 70, HEADER + SLICE + 3 * MARGIN + 34);
     let (width, height) = (2 * SLICE - 100, CHART - 78);
     // Errors up to `MIN_PLOTTED_RMS` are rounding, and 0 has no logarithm.

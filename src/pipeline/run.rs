@@ -27,7 +27,7 @@ use crate::vdb::LevelSet;
 /// Predicts what [`run`] needs and writes, in a few seconds.
 ///
 /// # Errors
-/// As [`run`], but for outputs; too little memory is not an error here.
+/// As [`run`], but for outputs; too little memory is not an error here, unless bricks are requested.
 pub fn plan(
     recipe: &Recipe,
     options: &RunOptions,
@@ -48,9 +48,7 @@ pub fn plan(
             estimate.brick_bytes = bricks::brick_bytes(&inputs, &plan);
             estimate.peak_memory_bytes = plan.memory_bytes;
         }
-        // Too little memory for bricks is a fact of the prediction, which names what is needed; the run
-        // itself refuses.
-        // `Ok(None)` is a run in memory.
+        // `Ok(None)` is a run in memory. Too little memory is a fact of the prediction; the run itself refuses.
         Ok(None)
         | Err(
             RunError::Memory { .. } | RunError::BricksUnsupported { .. } | RunError::Budget { .. },

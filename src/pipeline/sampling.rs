@@ -104,7 +104,7 @@ impl<'a> Probe<'a> {
     /// tables, or by their series if `exact`.
     ///
     /// # Errors
-    /// Cells that do not fit the scaffold.
+    /// Cells that do not fit the scaffold, or an invalid voxel size.
     pub fn evaluate(&self, points: &[[f64; 3]], exact: bool) -> Result<Vec<FieldSample>, RunError> {
         let tiling = self.tiling()?;
         let options = self
@@ -117,7 +117,7 @@ impl<'a> Probe<'a> {
                 probe_beams(tiling, beams, &*shape.field, options.half_width, &points)
             }
             Content::Sheets(sheets) => {
-                // A tolerance of 0: values are exact at each point, not interpolated between nodes.
+                // A tolerance of 0 only keeps the mid-surface from being interpolated between nodes.
                 let sheet_options = SheetOptions {
                     tiling: options,
                     offsets: Offsets::default(),
@@ -142,7 +142,7 @@ impl<'a> Probe<'a> {
     /// scaffold.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// A file that cannot be written, and cells that do not fit the scaffold.
     pub fn certificate(&self, vtu: Option<&Path>) -> Result<ContinuityReport, RunError> {
         let tiling = self.tiling()?;
         let found = self.threads.install(|| tiling.certificate())?;

@@ -98,8 +98,8 @@ pub fn scaffold_of(
 }
 
 /// A cell in `count` elements along each axis of a box, as a level set; `None` for a cell of the ball, which tiles
-/// no box. Each element is one reference length wide; planar cells fill prisms. `voxel_size` is in reference
-/// lengths, `half_width` in voxels.
+/// no box. The box has `count` unit cubes along each axis, each one hex, six tets, six pyramids or two wedges; planar
+/// cells fill prisms. `voxel_size` is in reference lengths, `half_width` in voxels.
 ///
 /// # Errors
 /// A cell without a surface; an error of the band or of OpenVDB.
@@ -110,7 +110,6 @@ pub fn cell_block(
     half_width: f64,
     session: Session,
 ) -> Result<Option<LevelSet>, RunError> {
-    // The solid elements that hold the cell; planar cells are extruded.
     let kind = match cell.element() {
         Element::Tet => Kind::Tet4,
         Element::Tri | Element::Wedge => Kind::Wedge6,

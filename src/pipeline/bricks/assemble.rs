@@ -34,8 +34,7 @@ impl BrickRun<'_> {
         report: &mut SolidReport,
         timer: &mut StageTimer,
     ) -> Result<StoredSolid, RunError> {
-        // `files` are the newest files of each brick. A pass replaces those of the bricks that it
-        // changes.
+        // The newest file of each brick.
         let ops = &self.inputs.recipe.sections().op;
         let mut files = self.files(0, &self.first);
         let mut solid = StoredSolid {
@@ -48,8 +47,7 @@ impl BrickRun<'_> {
             let changed = match &pass.kind {
                 PassKind::Operations => self.operate(number, &solid)?,
                 PassKind::Removal(unwanted) => self.remove(number, *unwanted, &solid, report)?,
-                // A channel leaves the solid, so a drain may need more bricks than before: all files are
-                // new.
+                // A channel leaves the solid, so a drain may need more bricks than before: all files are new.
                 PassKind::Drain => match self.drain(number, &solid, report)? {
                     Some(done) => {
                         files = self.files(number, &done.bricks);

@@ -87,7 +87,8 @@ pub(crate) fn memory_bytes(
     let brick = in_cube(span / f64::from(BLOCK));
     let mut largest = solid_bytes(inputs, &counts.share(brick / counts.peak_leaves.max(1.0)));
     if holds_thickness {
-        // Each level of wider balls has a quarter of the points, in cubes of twice the edge.
+        // Level l of wider balls has points / 4^l, in cubes of 2^l blocks along the edge. The last is one cube
+        // around all, 2^l = blocks^(1/3), and holds the most: points / blocks^(2/3).
         largest +=
             DENSITY_MARGIN * rates::THICKNESS_POINT_BYTES * counts.points / blocks.powf(2.0 / 3.0);
     }
@@ -127,8 +128,7 @@ pub(crate) fn edge_that_fits(
     }: &Budget,
 ) -> Result<u32, RunError> {
     let cost = |edge: u32| memory_bytes(inputs, threads, counts, edge, held);
-    // The cost grows with the edge, but not by a formula that could be solved for it; the few edges are
-    // tried.
+    // The cost grows with the edge, but not by a formula that could be solved for it; the few edges are tried.
     let largest_fitting = |max_edge: u32| (1..=max_edge).rev().find(|&edge| cost(edge) <= budget);
     match requested {
         Some(edge) if cost(edge) <= budget => Ok(edge),

@@ -71,6 +71,7 @@ impl BrickRun<'_> {
     ) -> Result<Option<Drained>, RunError> {
         let pass = &self.passes[pass_number];
         let op_number = pass.ops.start;
+        // A pass of this kind always has the operation.
         let Some(Op::Drain(drain)) = self.inputs.recipe.sections().op.get(op_number) else {
             return Ok(None);
         };
@@ -84,7 +85,6 @@ impl BrickRun<'_> {
         if channels.is_empty() {
             return Ok(None);
         }
-        // The radius is in voxels.
         let lattice = brick_lattice(voxel_size);
         let (channel_shape, reports) = drains::drilled(&channels, request.radius, lattice);
         report.drains.extend(reports);

@@ -61,8 +61,8 @@ pub fn brick_plan(
 /// 0, end excluded. Returns the number skipped.
 ///
 /// # Errors
-/// As [`run`](super::super::run); [`RunError::Plan`] for a plan that does not match the recipe
-/// and its inputs.
+/// As [`run`](super::super::run); [`RunError::Plan`] for a plan that is invalid or does not match the recipe and its
+/// inputs, and for numbers that it does not have.
 pub fn make_bricks(
     path: &Path,
     bricks: &[Range<usize>],

@@ -13,7 +13,7 @@ use std::ops::Range;
 
 /// Reach of a tracking step, voxels: three sweeps of the stencil, and one voxel that the band grows by.
 const TRACKING_REACH: f64 = 4.0;
-/// The same with the scheme of fifth order.
+/// The same with the scheme of fifth order, whose stencil reaches three voxels: 3 * 3 + 1.
 const WENO_TRACKING_REACH: f64 = 10.0;
 
 /// Operations that a brick is processed by at once: a sequence within its halo, or one that needs the
@@ -44,6 +44,7 @@ pub(crate) fn passes(inputs: &Inputs) -> Vec<Pass> {
     let ops = solid_operations(inputs.recipe);
     let mut passes = Vec::new();
     let mut voxels = Voxels::first(inputs);
+    // The first operation that no pass has yet.
     let mut start = inputs.field_operation_count();
     if inputs.volumes.start().is_some() {
         // The file's leaves, unchanged.
@@ -58,9 +59,8 @@ pub(crate) fn passes(inputs: &Inputs) -> Vec<Pass> {
                     .collect()
             }
             (Op::Drain(_), _) => {
+                // A drain reads channels off the whole solid and only cuts: its halo covers the band and the margin.
                 let halo = whole_leaves(HALO_MARGIN + voxels.half_width);
-                // A drain reads channels off the whole solid and only cuts: its halo covers the band and the
-                // margin.
                 vec![(PassKind::Drain, halo)]
             }
             (_, Some(unwanted)) => {
@@ -180,7 +180,6 @@ fn operation_reach(op: &Op, on: Voxels) -> f64 {
             let half_width = half_width.max(SurfacePoints::MIN_HALF_WIDTH);
             v + steps * (half_width + SURFACE_POINT_REACH)
         } else {
-            // Filters advance by half a voxel per step and track the surface after each.
             (2.0 * v).ceil().max(1.0) * track
         }
     };
@@ -198,7 +197,7 @@ fn operation_reach(op: &Op, on: Voxels) -> f64 {
             Op::Hollow(h) => offset(voxels(&h.thickness), track),
             // A fillet always uses the scheme of fifth order.
             Op::Fillet(f) => 2.0 * offset(voxels(&f.radius), WENO_TRACKING_REACH),
-            // Both bands are widened first, at once or voxel by voxel.
+            // Both bands are widened to the radius and two voxels first, as `LevelSet::blend` does.
             Op::Blend(b) => {
                 let radius = voxels(&b.radius);
                 on.widening(radius + 2.0) + radius + WENO_TRACKING_REACH
@@ -209,6 +208,7 @@ fn operation_reach(op: &Op, on: Voxels) -> f64 {
             Op::Gaussian(k) => box_filter(k, 4.0),
             Op::Mean(k) | Op::Median(k) => box_filter(k, 1.0),
             Op::Laplacian(f) | Op::Curvature(f) => f64::from(f.iterations.0) * (1.0 + track),
+            // A sweep per iteration, and one voxel that the band grows by.
             Op::Renormalise(r) => f64::from(r.iterations.0) + 1.0,
             _ => 0.0,
         }

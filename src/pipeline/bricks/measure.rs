@@ -101,10 +101,10 @@ pub(super) fn picture(
     let around = |n: &usize| {
         let region = bricks.region(*n);
         let corners = [region.min, region.max].map(|c| transform.world(c).0);
+        // A part may show up to the layer of two voxels that the renderer requires around its box.
         Aabb::of(corners).dilated(2.0 * context.scale.voxel_size)
     };
-    // The renderer comes to each part three times, for coarse and fine samples and shadows, and makes those that it
-    // needs.
+    // The renderer visits each part three times: coarse samples, fine samples, shadows.
     let visits = 3 * numbers.len() as u64;
     brick_run.progress.stage("picture", Some(visits));
     let boxes: Vec<Aabb> = numbers.iter().map(around).collect();

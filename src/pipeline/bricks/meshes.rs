@@ -30,7 +30,8 @@ use crate::vdb::{LevelSet, VdbError};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// Halo of a block, voxels, in which vertices can limit the projection of the block's vertices.
+/// Halo of a block, voxels, in which vertices can limit the projection of the block's vertices: one that
+/// spoils a triangle goes back, which may spoil the next; three leaves hold such chains.
 pub(super) const UNTANGLING_HALO: i32 = 24;
 
 /// A mesh file in progress.

@@ -10,7 +10,8 @@ pub(super) const HALO_MARGIN: f64 = 8.0;
 /// Reach of the values that determine a surface point, voxels: those of the stencil that locates a crossing, and
 /// of a corner beyond it.
 pub(super) const SURFACE_POINT_REACH: f64 = 5.0 + SurfacePoints::MAX_CORNER_OFFSET;
-/// Reach of OpenVDB's widening of a band by one voxel: six sweeps of fifth order, voxels.
+/// Reach of OpenVDB's widening of a band by one voxel, voxels: six sweeps whose stencil of fifth order reaches three,
+/// and the new voxel, 6 * 3 + 1 = 19; twice that as a margin.
 const WIDENING_REACH: f64 = 38.0;
 /// Edges of the cubes that divide a block if it cannot be resampled at once, voxels.
 const PORTION_EDGES: [i32; 4] = [BLOCK, 64, 32, 16];
@@ -55,6 +56,7 @@ impl Resampling {
     /// Halo of old voxels from which new ones are computed.
     pub fn halo(&self) -> i32 {
         if self.is_doubling() {
+            // The new band in old voxels, the reach of its distances, and the old voxel beside every new one.
             return whole_leaves(2.0 * self.to.half_width + SURFACE_POINT_REACH + 1.0);
         }
         let reach = self.from.widening(self.source_half_width());
@@ -86,7 +88,7 @@ impl Resampling {
         portion_span * self.factor() * rows.max() + 2.0 * f64::from(self.halo())
     }
 
-    /// The region of new voxels that the band of the solid in a region of old ones can reach; `None` for an
+    /// The new voxels that the band of the solid in a region of old ones can reach, and one beside them; `None` for an
     /// invalid voxel size.
     pub fn moved(&self, region: Region) -> Option<Region> {
         let image = self.placement.image(self.from.span(region)?);
@@ -94,8 +96,8 @@ impl Resampling {
         Some(self.to.around(image.dilated(reach)))
     }
 
-    /// The region of old voxels that determines the values in a region of new ones; `None` for an invalid voxel
-    /// size.
+    /// The old voxels that are interpolated for a region of new ones; their own values need `halo` around them. `None`
+    /// for an invalid voxel size.
     pub fn source(&self, region: Region) -> Option<Region> {
         // The mask of a voxel depends on its neighbours.
         let span = self.to.span(region.grown(1))?;

@@ -82,7 +82,7 @@ fn new_density(scaffold: &Scaffold, cell: &Cell) -> Option<Density> {
 }
 
 /// The volume fraction of a tiling by one cell: at the tiling's level where `[tiling]` sets a fraction.
-/// `None` for several cells, and for sheets, whose cell is one side of the mid-surface.
+/// `None` for several cells, for sheets, whose cell is one side of the mid-surface, and for beams without one.
 pub(crate) fn cell_fraction(tiling: &CellTiling) -> Option<f64> {
     let [entry] = &tiling.palette[..] else {
         return None;

@@ -67,7 +67,8 @@ pub enum GradedQuantity {
 /// of the cell that fills the scaffold.
 ///
 /// # Errors
-/// [`RunError::Tiling`] unless there is one value for each node, [`RunError::Cell`] if no level gives a value.
+/// [`RunError::Tiling`] unless there is one value for each node, [`RunError::Cell`] if no level gives a value; a
+/// thickness then takes the nearest that one gives.
 pub fn level_shifts(
     scaffold: &Scaffold,
     cell: &Cell,
@@ -91,7 +92,7 @@ pub fn level_shifts(
             *v /= s;
         }
     }
-    // Only corners carry a grading. Values at nodes within edges must not widen the range of the table.
+    // Only corners carry a grading: other nodes must not widen the range of the table.
     let is_corner = crate::pipeline::inputs::spatial_value::corner_nodes(scaffold);
     let used = values.iter().zip(&is_corner).filter(|v| *v.1);
     let (low, high) = used.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), (v, _)| {
@@ -130,7 +131,7 @@ pub(crate) fn grade_shifts(
         key: format!("{key} of cell.{}", graded.name),
         fault: e.into(),
     };
-    // Relative difference of the ends below which they are equal.
+    // Ends count as equal within a relative 1e-9; the inner one keeps the tolerance above 0 for ends of 0.
     let steps = if high - low > 1e-9 * high.abs().max(1e-9) {
         GRADE_COUNT
     } else {

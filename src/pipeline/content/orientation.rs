@@ -72,7 +72,6 @@ pub(super) fn turn_elements(
             })
         }
     };
-    // The symmetry of the cells decides which turns look alike.
     let members: Vec<Member<Cell>> = cells
         .iter()
         .map(|cells| Member {
@@ -163,6 +162,7 @@ fn unit_vectors(
         .zip(points)
         .map(unit)
         .collect::<Result<Vec<Vec3>, _>>()?;
+    // From the axes of the file to those of the recipe; a placement may scale them.
     if let Direction::Field(field) = direction {
         let map = spatial.direction_map(files.recipe, field)?;
         for v in &mut found {

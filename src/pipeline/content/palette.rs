@@ -236,6 +236,7 @@ pub(crate) fn palette_cell(
             key: key.clone(),
             fault: e.into(),
         })?;
+        // With a tolerance of 0 no table is finer, and none is reported.
         if let Some(displacement) = table
             .displacement()
             .filter(|&d| d > max_displacement && max_displacement > 0.0)
@@ -252,7 +253,6 @@ pub(crate) fn palette_cell(
         }
         entry.tables.push(table);
     }
-    // Tables get as accurate as the shared faces need.
     refine_tables(scaffold, &mut entry);
     Ok(entry)
 }
@@ -293,7 +293,7 @@ fn refine_tables(scaffold: &Scaffold, entry: &mut PaletteCell) {
                 .filter(|_| attempt < MAX_REFINEMENTS / 2);
             match measured {
                 Some(displacement) => Table::for_displacement(cell, displacement * share),
-                // The bound is several times the error; tables by it are larger than by displacement.
+                // The bound is several times the error, so it is lowered to a tenth at most per attempt.
                 None => Table::with_tolerance(cell, table.error_bound() * share.max(0.1)),
             }
         };

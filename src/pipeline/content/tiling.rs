@@ -302,8 +302,7 @@ impl CellTiling {
             let used = (0..values.len()).filter(|&n| self.counts[n]);
             let targets = used.map(|n| [values[n]; 2]);
             self.target_thickness = targets.reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]);
-            // Converted to reference lengths by a scale that is continuous over elements of different
-            // sizes.
+            // To reference lengths, by a scale that is continuous over elements of different sizes.
             let shape = self.palette[0].cells[0].element();
             let scales = self.at_points(node_scales(&self.loaded.scaffold, shape));
             for (v, s) in values.iter_mut().zip(scales) {
@@ -313,6 +312,7 @@ impl CellTiling {
         if key == "tiling.volume_fraction" {
             self.target_fraction = match varying {
                 Varying::Number(target) => Some(*target),
+                // The mean is over values at corners, which the smooth interpolation does not have.
                 _ => (!is_smooth).then(|| volume_mean(&self.loaded.scaffold, &values)),
             };
         }
@@ -328,6 +328,7 @@ impl CellTiling {
                 }
                 None => 1.0,
             };
+            // Elements use every control point of the smooth interpolation, but only corners among nodes.
             let used =
                 (0..values.len()).filter(|&n| (is_smooth || self.counts[n]) && weight(n) > 0.0);
             let used: Vec<usize> = used.collect();
@@ -348,9 +349,8 @@ impl CellTiling {
         Ok(())
     }
 
-    /// Warns where no level of a cell gives the requested thickness. `values` are the requested ones
-    /// at all points, in reference lengths; `used` are the numbers of the points that the cell
-    /// fills.
+    /// Warns where no level of a cell gives the requested thickness. `values` are the requested ones at all points, in
+    /// units of the quantity that `grades` tabulate; `used` are the numbers of the points that the cell fills.
     fn warn_of_missed_thickness(
         &self,
         files: &mut InputFiles,
@@ -483,8 +483,7 @@ impl CellTiling {
         if !self.turned.mixture.is_empty() {
             blend = blend.with_mixture(&self.turned.mixture);
         }
-        // Sums of unlike cells lose volume in between; the level is moved so that the fraction is
-        // interpolated too.
+        // Sums of unlike cells lose volume in between; the level is moved so that the fraction is interpolated too.
         if self.follow_volume && self.palette.len() > 1 {
             blend = blend.with_interpolated_volumes();
         }

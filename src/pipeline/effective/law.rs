@@ -119,7 +119,6 @@ impl Law {
             &own_level[..]
         };
         session.progress.stage("homogenise", Some(all.len() as u64));
-        // The cell is sampled once; each parameter only moves the level.
         for &parameter in all {
             let level = cell.level(&source, &samples, parameter, mean, &key)?;
             samples = samples.with_level(level);
@@ -167,6 +166,7 @@ impl Law {
         let n = self.points.len();
         let p = parameter.clamp(self.points[0].parameter, self.points[n - 1].parameter);
         let above = self.points.partition_point(|q| q.parameter < p);
+        // Two points on each side, where the table has them.
         let first = above.saturating_sub(2).min(n.saturating_sub(4));
         let near = &self.points[first..(first + 4).min(n)];
         let weight = |i: usize| {

@@ -115,8 +115,8 @@ impl Inputs<'_> {
     }
 }
 
-/// The bounding box of a tiled scaffold. Without a cut at its boundary the solid may extend beyond the
-/// scaffold; an envelope bounds it.
+/// The box in which a tiled scaffold is sampled. Without a cut at its boundary the solid goes on beyond the scaffold,
+/// here by half its diagonal; an envelope bounds it.
 fn tiled_extent(tiling: &CellTiling, boundary: tiling::Boundary) -> Aabb {
     let bounds = tiling.loaded.scaffold.bounds();
     let extent = match boundary {

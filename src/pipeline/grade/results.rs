@@ -14,7 +14,8 @@ use crate::pipeline::inputs::source::has_extension;
 use crate::scaffold::{Kind, Scaffold};
 use std::path::Path;
 
-/// Distance of a node from its place in the scaffold, over the scaffold's size: results have six digits.
+/// Distance of a node from its place in the scaffold, over the greater of half the scaffold's diagonal and the node's
+/// distance from the origin: results have six digits.
 const PLACE_TOLERANCE: f64 = 1e-4;
 /// Nodes of a serendipity hexahedron; decks hold triquadratic ones as such.
 const DECK_HEX_NODES: usize = 20;
@@ -52,7 +53,7 @@ pub(super) fn read(
             .with_hint("meshio converts results of other programs to .vtu")
             .into());
     };
-    // The number of components shows what the field is, unless an option decides.
+    // The number of components shows what the field is, unless an option decides: one number can be a stress.
     let by_components = match field.components {
         1 => GradeRule::Energy,
         6 | 9 => GradeRule::Stress,
@@ -152,8 +153,7 @@ fn of_frd(path: &Path, name: &str, scaffold: &Scaffold, factor: f64) -> Result<F
         .chunks_exact(components.max(1))
         .zip(&field.nodes)
     {
-        // Numbers of the deck count from 1.
-        // A number 0 wraps around and is out of range, so that its row is left out.
+        // Numbers of the deck count from 1; 0 wraps around and is out of range, so that its row is left out.
         let n = (number as usize).wrapping_sub(1);
         if let Some(own) = values.get_mut(n * components..(n + 1) * components) {
             own.copy_from_slice(row);
@@ -218,7 +218,7 @@ fn of_mesh(path: &Path, name: &str, scaffold: &Scaffold, factor: f64) -> Result<
     let size = scaffold.bounds().half_diagonal() * factor;
     let tree = ScatteredPoints::new(&places);
     let mut values = vec![f64::NAN; field.components * own_places.len()];
-    // The nearest item of the file, which must be at the place itself.
+    // The nearest item of the file (`nearest` gives squared distances), which must be at the place itself.
     for (n, place) in own_places.iter().enumerate() {
         let Some(p) = place.map(|p| p * factor) else {
             continue;

@@ -89,10 +89,9 @@ impl Grading<'_> {
         values.collect()
     }
 
-    /// Values that keep the volume fraction of every element within bounds, as far as its cell reaches them.
+    /// The range of values at which some element has a volume fraction within bounds, as far as its cell reaches.
     pub fn default_bounds(&self, fractions: [f64; 2]) -> [f64; 2] {
         let all = |f: f64| (0..self.fraction.len()).map(move |e| self.value_for(e, f));
-        // The least of all elements, and the greatest.
         [
             all(fractions[0]).fold(f64::INFINITY, f64::min),
             all(fractions[1]).fold(0.0, f64::max),
@@ -173,8 +172,7 @@ impl Grading<'_> {
         }
     }
 
-    /// Means of the elements around each node, weighted by volume; mid nodes that no element has as a corner
-    /// too.
+    /// Means of the elements around each node, also mid nodes, weighted by volume; NaN at nodes without elements.
     fn at_nodes(&self, values: &[f64]) -> Vec<f64> {
         let mut sums = vec![(0.0, 0.0); self.scaffold.nodes().len()];
         for e in self.scaffold.elements() {

@@ -107,7 +107,7 @@ pub fn cell_properties(
     let gradient = start.map(|start| gradient(source, options, level, &shares, start, progress));
     let gradient = gradient.transpose()?;
     drop(shares);
-    // The finer grid holds the cell; on one half as fine that has too few voxels there is no error estimate.
+    // A wave needs two voxels. Where the grid half as fine has fewer there is no error estimate.
     let half = resolution / 2;
     let coarse = if half >= MIN_RESOLUTION && source.period.band_limit() <= half as f64 / 2.0 {
         let samples = sampled(source, half, Some(level), progress)?;
@@ -282,13 +282,14 @@ pub fn period_warnings(
         let diameter = diameter + 2.0 * level;
         let across = diameter * n as f64;
         if across < MIN_VOXELS_PER_DIAMETER {
+            // The limits keep the number finite where a level below 0 leaves no diameter.
             let needed = (MIN_VOXELS_PER_DIAMETER / diameter.max(1e-9))
                 .ceil()
                 .min(1e6) as usize;
             let message = format!(
                 "struts of diameter {diameter:.4} are {across:.1} voxels wide; {MIN_VOXELS_PER_DIAMETER} or more resolve \
                  them: a resolution of {}",
-                // Resolutions are even.
+                // The next even number.
                 needed / 2 * 2 + 2
             );
             warn(Warning::THIN_WALLS, message);

@@ -111,8 +111,8 @@ impl CellCache {
     }
 }
 
-/// All that a cell before its level depends on: its keys, and size and time of its file. `None` for cells of
-/// crystals, which depend on other sections, and for generators in a file.
+/// All that a cell before its level depends on: its keys, and size and time of its files. `None` for cells of crystals,
+/// which depend on other sections, and where the system does not tell the time of a file.
 fn key(
     reader: &SourceReader,
     name: &str,

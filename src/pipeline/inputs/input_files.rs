@@ -84,8 +84,8 @@ impl<'a> InputFiles<'a> {
         }
     }
 
-    /// The solid of the file of an operation, kept from an earlier run or read, and its beams if they are
-    /// wanted. `key` names the operation, as in `op.2`.
+    /// The solid of a file, kept from an earlier run or read, and its beams if they are wanted. `key` names the
+    /// input, as in `op.2.union.mesh`.
     fn file_solid(
         &mut self,
         key: &str,

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 /// Frames before and after at which formulas are evaluated for velocities.
 const FORMULA_STEP: f64 = 1.0 / 64.0;
-/// Displacement along a velocity field, in units of the scaffold's half diagonal and its greatest velocity.
+/// Seconds that nodes move along a velocity field, over the scaffold's half diagonal.
 const FIELD_STEP: f64 = 1e-6;
 /// Difference of frames below which they are equal.
 const FRAME_TOLERANCE: f64 = 1e-3;
@@ -312,7 +312,7 @@ fn neighbours(
     let now = f64::from(frame);
     let motion = section.motion.as_ref();
     if motion.is_some_and(|m| m.velocity.is_some()) {
-        // A displacement far below the size, so that shells and divided elements follow linearly.
+        // So short that, at a velocity near 1, shells and divided elements follow linearly.
         let drift = FIELD_STEP * scaffold.bounds().half_diagonal();
         let pose = Pose {
             drift,

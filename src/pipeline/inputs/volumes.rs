@@ -177,12 +177,12 @@ fn placement(similarity: &Similarity, factor: f64) -> Placement {
 fn has_voxels(solid: &LevelSet, recipe: &Recipe) -> bool {
     let h = recipe.scale().voxel_size;
     let width = recipe.sections().band.half_width.0;
-    // The half width follows from a background in single precision, hence its wider tolerance.
+    // The edge up to rounding, as the grid is used unchanged; the half width is of a background in single precision.
     (solid.voxel_size() - h).abs() <= 1e-9 * h && (solid.half_width() - width).abs() <= 1e-4
 }
 
-/// W111: warns that a grid with other voxels than the recipe's is resampled, unless the recipe
-/// requests it. `factor` converts the grid's lengths to the recipe's unit.
+/// W111: warns that a grid with other voxels than the recipe's is resampled, unless its own key `resample` requests it;
+/// a following operation does not. `factor` converts the grid's lengths to the recipe's unit.
 fn compare_voxels(
     files: &mut InputFiles,
     grid: &Grid,
@@ -192,6 +192,7 @@ fn compare_voxels(
 ) -> Result<(), RunError> {
     let scale: Scale = files.recipe.scale();
     let voxel_size = solid.voxel_size() * factor;
+    // Closer edges would print as the same number.
     if (voxel_size - scale.voxel_size).abs() <= 1e-6 * scale.voxel_size {
         return Ok(());
     }
@@ -206,7 +207,6 @@ fn compare_voxels(
     }
     let bounds = solid.bounds().map_err(RunError::level_set(stage))?;
     let size = bounds.size().max() * factor;
-    // A wrong unit shows in a part that is smaller than one voxel.
     let note = if size < scale.voxel_size {
         format!(
             "; all of it spans {} {unit}, less than a voxel: is its unit right?",

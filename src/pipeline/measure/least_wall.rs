@@ -230,8 +230,8 @@ pub(crate) fn ball_at(
     if inward == Vec3::zeros() {
         return TouchingBall::Pierced;
     }
-    // Contacts are opposite if their direction from p is near enough to the normal, and their normal
-    // turns back. This excludes neighbours of p on the same wall.
+    // Contacts are opposite if their direction from p is near enough to the normal, and their normal turns back. This
+    // excludes neighbours of p on the same wall. Squares serve, as a ball inside only meets sites with along > 0.
     let is_opposite = |q: &Site<Vec3>| {
         let d = q.position - p;
         let along = d.dot(&inward);

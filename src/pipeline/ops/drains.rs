@@ -16,7 +16,7 @@ use crate::vdb::{Channel, DrainRequest, LevelSet, MAX_CAVITY_REACH};
 /// one that the search for cavities cannot reach.
 pub(crate) fn request(stage: &str, drain: &Drain, scale: Scale) -> Result<DrainRequest, RunError> {
     let radius = drain.radius.resolve(scale) / scale.voxel_size;
-    // Greatest radius that the search for cavities measures, voxels, less a margin.
+    // The search for cavities goes a voxel beyond the radius; one more is left as a margin.
     let most = f64::from(MAX_CAVITY_REACH - 2);
     if !(1.0..=most).contains(&radius) {
         return Err(RunError::Refused {

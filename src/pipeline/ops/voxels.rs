@@ -119,8 +119,8 @@ impl Resampling {
     }
 }
 
-/// Number of leaves of a band over that of a band of another half width (voxels). A band of width w
-/// meets w plus a leaf's width of leaves.
+/// Number of leaves of a band over that of a band of another half width (voxels). A band of 2 w voxels meets
+/// (2 w + 7) / 8 leaves across on average, as leaves of 8 voxels span 7 edges.
 fn growth(from: f64, to: f64) -> f64 {
     const LEAF_WIDTH: f64 = 7.0;
     (2.0 * to + LEAF_WIDTH) / (2.0 * from + LEAF_WIDTH)

@@ -79,7 +79,6 @@ impl<'a> Attributes<'a> {
     pub fn values(&self, points: impl Iterator<Item = Vec3>) -> Vec<f32> {
         let mut out = Vec::new();
         for p in points {
-            // The element and the reference coordinates of the point; all words share this search.
             let located = self.tiling.as_ref().and_then(|f| Some((f, f.locate(p)?)));
             let weights = located.as_ref().map(|(f, (e, xi))| f.weights.list(*e, *xi));
             for word in &self.words {
@@ -241,6 +240,7 @@ impl TilingAttributes<'_> {
         let closest = self.boundaries.iter().map(|b| b.closest(p).point);
         let q = closest.min_by(|a, b| (a - p).norm().total_cmp(&(b - p).norm()))?;
         let mut found = Vec::new();
+        // The faces deviate from the elements by `slack`; twice that, for rounding.
         let region = Aabb { min: q, max: q }.dilated(2.0 * self.slack);
         scaffold.candidates(&region, &mut found);
         let mut best: Option<(f64, usize, CellPoint<3>)> = None;

@@ -16,7 +16,7 @@ use std::path::Path;
 
 /// Least share of solid in an element, unless the output sets another.
 const SOLID_SHARE: f64 = 0.5;
-/// Poisson's ratio, unless the output sets another.
+/// Poisson's ratio, unless the output sets another; Young's modulus is 1.
 pub(crate) const POISSON: f64 = 0.3;
 
 /// No cubes yet, of the output's element size on the voxels of `context`.

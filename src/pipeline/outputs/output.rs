@@ -46,8 +46,7 @@ pub(crate) fn write(
 ) -> Result<Vec<OutputFile>, RunError> {
     let recipe = done.inputs.recipe;
     let unit = output.unit_or_default(recipe.unit());
-    // An output names one file; that decides its kind.
-    // The recipe's check refuses an output without a file.
+    // An output names one file, which decides its kind; the recipe's check refuses an output without one.
     let Some((kind, _)) = output.named().first().copied() else {
         return Ok(Vec::new());
     };

@@ -136,7 +136,7 @@ fn axes(canvas: &mut Canvas, [left, top]: [usize; 2], view: &Mat3, reach: impl F
     }
 }
 
-/// Draws the colour bar between two moduli, and lines of text below it.
+/// Draws the colour bar between two moduli, 22 by 220 pixels with labels to the right, and lines of text below it.
 fn legend(canvas: &mut Canvas, [min_modulus, max_modulus]: [f64; 2], lines: &[String]) {
     let (left, top, height) = (MARGIN + SQUARE + 16, HEIGHT - SQUARE - MARGIN + 16, 220);
     canvas.text(left, top - 18, "Young's modulus", TEXT_COLOUR);

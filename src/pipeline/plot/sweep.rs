@@ -34,6 +34,7 @@ pub struct SweepCurve {
 /// negative ones lie at 0. `abscissa` is the label of the axis.
 pub fn sweep_picture(title: &str, abscissa: &str, curves: &[SweepCurve]) -> Image {
     let mut canvas = Canvas::new(WIDTH, HEIGHT);
+    // The legend takes 250 pixels to the right, the labels of the abscissa 70 below.
     let (width, height) = (WIDTH - LEFT_MARGIN - 250, HEIGHT - TOP_MARGIN - 70);
     let points = || curves.iter().flat_map(|c| &c.points);
     let (mut low, mut high) =
@@ -123,7 +124,6 @@ pub fn sweep_picture(title: &str, abscissa: &str, curves: &[SweepCurve]) -> Imag
                 colour,
             );
         }
-        // The legend to the right: a line in the colour of the curve and its name.
         let line_top = TOP_MARGIN + 12 + 24 * n;
         let left = LEFT_MARGIN + width + 16;
         canvas.thick_line([left, line_top + 6], [left + 24, line_top + 6], colour);

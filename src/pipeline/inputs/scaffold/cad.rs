@@ -64,6 +64,7 @@ pub(crate) fn cad_mesh(
     let source = std::path::absolute(part).map_err(io)?;
     let named = gmsh.with_groups(&source).map_err(|e| e.of(part))?;
     let made = work.path().join("part.msh");
+    // Tets, also of no group, without messages below warnings; 6 elements or more around a full circle.
     let mut command = Command::new("gmsh");
     command
         .arg(named.as_ref().unwrap_or(&source))
@@ -161,7 +162,7 @@ impl Gmsh<'_> {
     /// A file that reads the part and makes groups of its named solids; `None` where none has a name, or a script
     /// cannot hold the path.
     fn with_groups(&self, part: &Path) -> Result<Option<PathBuf>, GmshFault> {
-        // A set of nodes for each solid, empty without a mesh: the sets have the names of the solids.
+        // -0 makes no mesh, -3 saves a set of nodes for each solid: empty, but with the name of the solid.
         let sets = self.folder.join("names.inp");
         let mut command = Command::new("gmsh");
         command
