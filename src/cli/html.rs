@@ -30,9 +30,9 @@ pub(super) fn base64(bytes: &[u8]) -> String {
     for group in bytes.chunks(3) {
         let byte = |n: usize| u32::from(group.get(n).copied().unwrap_or(0));
         // Three bytes are four digits of six bits; missing bytes are 0, and their digits "=".
-        let bits = byte(0) << 16 | byte(1) << 8 | byte(2);
+        let bits = (byte(0) << 16) | (byte(1) << 8) | byte(2);
         for n in 0..4 {
-            let digit = (bits >> (18 - 6 * n) & 63) as usize;
+            let digit = ((bits >> (18 - 6 * n)) & 63) as usize;
             out.push(if n <= group.len() {
                 char::from(BASE64_DIGITS[digit])
             } else {

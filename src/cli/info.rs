@@ -179,7 +179,7 @@ fn vdb_screen(path: &Path, info: &FileInfo) -> String {
             // A turned grid needs all eight corners for its box.
             let corners = (0..8u8).map(|c| {
                 map.world(Vec3::from_fn(|a, _| {
-                    f64::from(if c >> a & 1 == 1 { max[a] } else { min[a] })
+                    f64::from(if (c >> a) & 1 == 1 { max[a] } else { min[a] })
                 }))
             });
             let b = Aabb::of(corners);

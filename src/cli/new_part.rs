@@ -14,7 +14,7 @@ const CELLS: [f64; 2] = [8.0, 40.0];
 const WALL: f64 = 0.2;
 /// Most places at which the thickness is measured.
 const PLACES: usize = 2000;
-/// Share of the places that may be thinner than the least thickness: steps and noise of the mesh.
+/// One of so many places may be thinner than the least thickness: steps and noise of the mesh.
 const IGNORED: usize = 20;
 
 /// A lattice in a part.
@@ -56,7 +56,7 @@ impl Lattice<'_> {
         } else {
             None
         };
-        let is_cad = is_cad && is_tets;
+        let is_meshed_by_gmsh = is_cad && is_tets;
         let file = relative(surface.as_deref().unwrap_or(part), path)?;
         let file = toml::Value::String(file).to_string();
         let thickness = two_digits(thickness).to_string();
@@ -69,7 +69,7 @@ impl Lattice<'_> {
                 toml::Value::String(cell.to_owned())
             )
         };
-        let scaffold = match (is_cad, is_tets) {
+        let scaffold = match (is_meshed_by_gmsh, is_tets) {
             (true, _) => {
                 format!("file = {file}\ncell_size = {cell_size}   # edge of a tet; gmsh makes them")
             }
@@ -88,7 +88,7 @@ impl Lattice<'_> {
         } else {
             ("", String::new())
         };
-        let skin = if is_cad {
+        let skin = if is_meshed_by_gmsh {
             String::new()
         } else {
             format!(
@@ -139,7 +139,7 @@ fn surface(part: &Path, is_cad: bool, session: &Session) -> Result<TriMesh, Fail
     if !is_cad {
         return Ok(crate::io::read_mesh(part)?.mesh);
     }
-    // gmsh takes cells as large as the part where a crude surface is enough to measure.
+    // A crude surface is enough to measure: 1e22 is the limit of gmsh's own default, none.
     let options = CadOptions {
         cell: 1e22,
         order: 1,
@@ -166,7 +166,7 @@ fn least_thickness(solid: &MeshSolid) -> Option<f64> {
         let Some(n) = unit(*corners) else { continue };
         let p = corners.iter().sum::<Vec3>() / 3.0;
         let mut radius = solid.bounds().half_diagonal();
-        // A few steps suffice: each lets the ball shrink to one that both points touch.
+        // Each step shrinks the ball to one that both points touch, until it holds none up to rounding; few suffice.
         for _ in 0..16 {
             let near = solid.closest(p - n * radius);
             let way = p - near.point;
@@ -175,6 +175,7 @@ fn least_thickness(solid: &MeshSolid) -> Option<f64> {
             }
             radius = way.norm_squared() / (2.0 * n.dot(&way));
             let m = unit(solid.mesh().corners(near.triangle as usize));
+            // Faces whose normals differ by less than 120 degrees are no opposite walls.
             if m.is_some_and(|m| m.dot(&n) > -0.5) {
                 radius = f64::INFINITY;
                 break;

@@ -143,5 +143,5 @@ fn is_ignored(signal: i32) -> bool {
     let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = text.lines().find_map(|l| l.strip_prefix("SigIgn:"));
     let mask = mask.and_then(|m| u64::from_str_radix(m.trim(), 16).ok());
-    mask.is_some_and(|m| m >> (signal - 1) & 1 == 1)
+    mask.is_some_and(|m| (m >> (signal - 1)) & 1 == 1)
 }

@@ -8,7 +8,7 @@ use crate::frame::{CellPoint, Vec3};
 use crate::io::{DataField, FieldAt, Group, ScaffoldFile};
 use crate::scaffold::{ElementMap, Neighbour, Scaffold};
 
-/// Number of parts of a side of a curved face, where there are few enough triangles; else two, else one.
+/// Number of parts of an edge of a curved face, where there are few enough triangles; else two, else one.
 const CURVED_PARTS: usize = 4;
 
 /// A scaffold with its named sets of elements and the fields of its file.
@@ -36,8 +36,7 @@ pub(super) fn body(elements: Elements, max_triangles: usize) -> (Body, bool) {
     let Elements {
         scaffold, fields, ..
     } = elements;
-    let per_part = |of: usize| of * of;
-    // Triangles of the outer faces, or of inner ones too. Curved ones have parts^2 pieces; a quad counts twice.
+    // Triangles of the outer faces, or of inner ones too. Curved faces have parts^2 pieces; a quad counts twice.
     let count = |parts: usize, inner: bool| -> usize {
         let faces = (0..scaffold.len()).flat_map(|e| scaffold.faces_of(e).map(move |f| (e, f)));
         faces
@@ -45,7 +44,12 @@ pub(super) fn body(elements: Elements, max_triangles: usize) -> (Body, bool) {
             .map(|(e, f)| {
                 let element = scaffold.element(e);
                 let corners = element.kind().faces()[f.face as usize].corners.len();
-                (corners - 2) * per_part(if element.is_affine() { 1 } else { parts })
+                (corners - 2)
+                    * if element.is_affine() {
+                        1
+                    } else {
+                        parts * parts
+                    }
             })
             .sum()
     };
@@ -68,17 +72,20 @@ pub(super) fn body(elements: Elements, max_triangles: usize) -> (Body, bool) {
     let mut at_points: Vec<Vec<f32>> = point_fields.iter().map(|_| Vec::new()).collect();
     for e in 0..scaffold.len() {
         let element = scaffold.element(e);
-        let corners = element.kind().reference_nodes();
+        let reference_nodes = element.kind().reference_nodes();
         // Mirrored elements have their faces the other way round.
         let sign = element.volume().signum();
         for face in scaffold.faces_of(e) {
             if is_outer && scaffold.neighbour(face) != Neighbour::Outside {
                 continue;
             }
-            let nodes = element.kind().faces()[face.face as usize].corners;
-            let side: Vec<Vec3> = nodes.iter().map(|&n| corners[n as usize].0).collect();
+            let numbers = element.kind().faces()[face.face as usize].corners;
+            let corners: Vec<Vec3> = numbers
+                .iter()
+                .map(|&n| reference_nodes[n as usize].0)
+                .collect();
             let face_divisions = if element.is_affine() { 1 } else { divisions };
-            add_face(&mut body, &element, &side, face_divisions, sign, |xi| {
+            add_face(&mut body, &element, &corners, face_divisions, sign, |xi| {
                 for (field, out) in point_fields.iter().zip(&mut at_points) {
                     out.push(at_point(field, &element, xi));
                 }
@@ -173,22 +180,25 @@ fn groups(body: &mut Body, elements: Elements) {
     });
 }
 
-/// Adds a face in `parts` parts a side, with its outline. `side` are its corners in the element's
-/// reference frame, `sign` is -1 for a mirrored element; `visit` is called for each vertex.
+/// Adds a face with its outline, each edge in `parts` parts. `corners` are in the element's reference frame, `sign` is
+/// -1 for a mirrored element; `visit` is called for each vertex.
 fn add_face(
     body: &mut Body,
     element: &ElementMap,
-    side: &[Vec3],
+    corners: &[Vec3],
     parts: usize,
     sign: f64,
     mut visit: impl FnMut(CellPoint<3>),
 ) {
     let first = body.positions.len() as u32;
     let n = parts;
-    let is_quad = side.len() == 4;
+    let is_quad = corners.len() == 4;
     let mut add = |xi: Vec3| {
         let (x, jacobian) = element.map_and_jacobian(CellPoint(xi));
-        let (u, v) = (side[1] - side[0], side[side.len() - 1] - side[0]);
+        let (u, v) = (
+            corners[1] - corners[0],
+            corners[corners.len() - 1] - corners[0],
+        );
         // The tangents of the face are J u and J v, so their cross product is its normal.
         let normal = (jacobian * u).cross(&(jacobian * v)) * sign;
         body.positions.push(x.0);
@@ -206,15 +216,15 @@ fn add_face(
             let (s, t) = (i as f64 / n as f64, j as f64 / n as f64);
             // Bilinear in a quad, barycentric in a triangle.
             add(if is_quad {
-                (side[0] * (1.0 - s) + side[1] * s) * (1.0 - t)
-                    + (side[3] * (1.0 - s) + side[2] * s) * t
+                (corners[0] * (1.0 - s) + corners[1] * s) * (1.0 - t)
+                    + (corners[3] * (1.0 - s) + corners[2] * s) * t
             } else {
-                side[0] * (1.0 - s - t) + side[1] * s + side[2] * t
+                corners[0] * (1.0 - s - t) + corners[1] * s + corners[2] * t
             });
             count += 1;
         }
     }
-    // Vertex (i, j) of the face: rows of j from the side of the first two corners.
+    // Vertex (i, j) of the face: row 0 is the edge of the first two corners.
     let vertex = |i: usize, j: usize| first + rows[j] + i as u32;
     let mut put = |t: [u32; 3]| {
         body.triangles
@@ -229,7 +239,7 @@ fn add_face(
             }
         }
     }
-    // The outline: two sides from the first corner, and the others.
+    // The outline: the two edges at the first corner, then the other two or one.
     for k in 0..n {
         body.lines.push([vertex(k, 0), vertex(k + 1, 0)]);
         body.lines.push([vertex(0, k), vertex(0, k + 1)]);
