@@ -206,8 +206,7 @@ pub fn run_program(arguments: impl IntoIterator<Item = OsString>, reader: Option
     };
     session.finish();
     let answered = answered.unwrap_or_else(|_| Err(Failure::bug()));
-    // A signal during unwinding decides the exit code, whatever the error is, unless the run can be
-    // resumed.
+    // A signal during unwinding decides the exit code, whatever the error is, unless the run can be resumed.
     match (answered, session.signals.exit_code()) {
         (Ok(answer), _) => answer.print(&session),
         (Err(failure), Some(code)) if !failure.is_resumable() => {

@@ -141,8 +141,7 @@ fn group_file(path: &Path, lattice: Option<&str>, radius: f64) -> Result<Answer,
     Ok(list_group(group, own, radius))
 }
 
-/// The operators, elements and orbits of a point group in `D` dimensions, up to frequencies of
-/// `radius`.
+/// The operators, elements and orbits of a point group in `D` dimensions, up to frequencies of `radius`, at most 16.
 fn list_group<const D: usize>(group: PointGroup<D>, lattice: Lattice<D>, radius: f64) -> Answer {
     let name = group.name().to_owned();
     let lattice_name = lattice.name().unwrap_or("of its own");
@@ -209,8 +208,7 @@ fn is_of<const D: usize>(element: Element, group: &PointGroup<D>, lattice: &Latt
     })
 }
 
-/// Values and gradients of a cell at the points of a file, as a table; written to `output` if there
-/// is one.
+/// Values and gradients of a cell at the points of a file, as a table; written to `output` if there is one.
 fn eval(cell: &Cell, points: &Path, output: Option<&Path>) -> Result<Answer, Failure> {
     output.map_or(Ok(()), require_writable)?;
     let planar = cell.element().dimension() == 2;

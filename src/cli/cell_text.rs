@@ -39,8 +39,7 @@ pub(super) fn facts(cell: &Cell) -> Value {
     })
 }
 
-/// The description of a cell, as text: its symmetry and coefficients, its level, and the fit or design that made
-/// it.
+/// The description of a cell, as text: its symmetry and coefficients, its level, and the fit or design that made it.
 pub(super) fn describe(cell: &Cell) -> String {
     let form = cell.expression();
     let mut text = format!(

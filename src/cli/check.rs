@@ -80,8 +80,7 @@ fn may_be_level_set(grid: &GridInfo) -> bool {
     }
 }
 
-/// Reports a grid that is stated to be a level set and cannot be read as one, in a line of `text` and as an
-/// object.
+/// Reports a grid that is stated to be a level set and cannot be read as one, in a line of `text` and as an object.
 fn refused(error: &FileError, grid: &GridInfo, text: &mut String) -> Value {
     let message = error.to_string();
     let problem = message
@@ -210,8 +209,7 @@ fn level_sets(p: &Parameters, threads: &Threads, shown: &Session) -> Result<Answ
         passed = false;
         let _ = writeln!(text, "no level set to check");
     }
-    // The hash is recorded in the file, or in its first grid where a program dropped the tags of the
-    // file.
+    // The hash is recorded in the file, or in its first grid where a program dropped the tags of the file.
     let recorded = info.meta("druse.content_hash").or_else(|| {
         info.grids
             .first()

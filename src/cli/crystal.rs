@@ -105,6 +105,7 @@ struct Source {
     unit: LengthUnit,
 }
 
+/// Makes one crystal, or one for each frame.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let Some(frames) = &p.frames else {
         return one_crystal(p, session);
@@ -128,6 +129,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     })
 }
 
+/// Runs a script, describes its mesh and writes the outputs; with `--view` serves the page instead.
 fn one_crystal(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::context::threads(p.threads)?;
     let source = source(p)?;
@@ -138,6 +140,7 @@ fn one_crystal(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
         require_writable(path)?;
     }
     let files = DiskFiles::new(&source.directory, true);
+    // Steps that can be undone: only the interactive mode undoes any.
     let mut interpreter = Interpreter::with_history(&files, if p.interactive { 200 } else { 1 });
     interpreter = interpreter.with_progress(session);
     begin(&mut interpreter, &source, p.until, session)?;
@@ -321,7 +324,8 @@ fn cut(mesh: &PolyMesh) -> Result<Triangulated, Failure> {
         .map_err(|e| Failure::usage(e.to_string()))
 }
 
-/// Self-intersections of the surface, as text and as an object.
+/// Self-intersections of the surface, as text and as an object; `None` without any. Surfaces of too many triangles get
+/// a note that they were not searched.
 fn self_intersections(
     mesh: &PolyMesh,
     session: &Session,
@@ -365,13 +369,13 @@ fn self_intersections(
     Ok(Some((line, facts)))
 }
 
-/// Whether a path is that of a level set.
 fn is_volume(path: &Path) -> bool {
     path.extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("vdb"))
 }
 
-/// Edge of a voxel in the crystal's unit: as given, else from the crystal's size, to two digits.
+/// Edge of a voxel in the crystal's unit: as given, else a share of its longest side, or where that is too small the
+/// least that OpenVDB holds, rounded up to two digits.
 fn voxel_size(p: &Parameters, mesh: &PolyMesh, unit: LengthUnit) -> f64 {
     let scale = Scale {
         unit,
@@ -385,7 +389,6 @@ fn voxel_size(p: &Parameters, mesh: &PolyMesh, unit: LengthUnit) -> f64 {
     if target >= least {
         return target;
     }
-    // Rounded up, so that it is not below the minimum.
     let digit = 10f64.powf(least.log10().floor() - 1.0);
     (least / digit).ceil() * digit
 }

@@ -35,8 +35,7 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
-/// Values of a recipe's tiled field at points, as a table or in a file. The extension of the output decides its
-/// format.
+/// Values of a recipe's tiled field at points, as a table or in a file. The extension of the output decides its format.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let recipe = Recipe::read(&p.recipe, &p.set)?;
     p.output.as_ref().map_or(Ok(()), require_writable)?;
@@ -159,7 +158,7 @@ fn npz(
             };
             let mut header =
                 format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}");
-            // Magic, version and length take 10 bytes; the data begin at a multiple of 64.
+            // Magic, version and length take 10 bytes, the newline one; the data begin at a multiple of 64.
             while (header.len() + 11) % 64 != 0 {
                 header.push(' ');
             }

@@ -387,8 +387,7 @@ impl From<RunError> for Failure {
     fn from(e: RunError) -> Self {
         let message = e.to_string();
         let (code, hint) = match e {
-            // Errors of files have places and hints of their own; the others get the hint of the command
-            // line.
+            // Errors of files have places and hints of their own; the others get the hint of the command line.
             RunError::Recipe(e) => return e.into(),
             RunError::Read(e) => return e.into(),
             RunError::Write(e) => return e.into(),

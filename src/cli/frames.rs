@@ -1,6 +1,5 @@
-//! `--frames`: a command once per frame, and sequences of runs. A frame token in a name (`$F4`, `####`, `%04d`)
-//! stands for the number of the frame. A list of frames from the command line is never empty, so that
-//! `frames()[0]` exists.
+//! `--frames`: a command once per frame, and sequences of runs. A frame token in a name (`$F4`, `####`, `%04d`) stands
+//! for the number of the frame. A list of frames from the command line is never empty, so that `frames()[0]` exists.
 
 use super::context::Session;
 use super::failure::Failure;

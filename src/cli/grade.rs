@@ -68,8 +68,7 @@ enum Rule {
     Energy,
 }
 
-/// Makes a new grading from the results of a deck. All flags are checked before the recipe is
-/// computed.
+/// Makes a new grading from the results of a deck. All flags are checked before the recipe is computed.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     if p.output.extension().is_none_or(|e| e != "vtu") {
         return Err(Failure::usage(format!(
@@ -192,7 +191,7 @@ fn limit(text: &str, unit: LengthUnit) -> Result<f64, String> {
         "kPa" => Some(1e3),
         "MPa" => Some(1e6),
         "GPa" => Some(1e9),
-        _ => Some(f64::NAN),
+        _ => Some(f64::NAN), // as a text that is no number: refused below
     };
     let value = number.trim().parse::<f64>().unwrap_or(f64::NAN);
     let square = unit.to(LengthUnit::Metre).powi(2);

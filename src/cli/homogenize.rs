@@ -268,7 +268,7 @@ fn source(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPe
         flags.section = Some(Section::Fitted);
     }
     if let Some(sweep) = p.sweep.as_ref().filter(|_| flags.levels().is_empty()) {
-        // A sheet needs a thickness.
+        // The cell is made at the first fraction, since a sheet cannot be made without a thickness.
         flags.volume_fraction = Some(Fraction(sweep.first()));
     }
     if let Some(path) = &p.recipe {

@@ -105,9 +105,8 @@ seq 0 @LAST | parallel --joblog @LOG --resume-failed --retries 3 --env PLAN --en
 "$DRUSE" merge "$PLAN"@OUT
 "#;
 
-/// A job template of Open Job Description: a task for each brick, then the merge. `name` is the
-/// plan's file, `stem` the name of the job and `last` the number of the last brick; 0 `threads`
-/// means all.
+/// A job template of Open Job Description: a task for each brick, then the merge. `name` is the plan's file, `stem` the
+/// name of the job and `last` the number of the last brick; 0 `threads` means all.
 fn openjd(name: &str, stem: &str, last: usize, threads: usize, out: Option<&str>) -> String {
     let step = |arguments: &[&str]| {
         let mut words: Vec<String> = arguments.iter().map(|&a| a.to_owned()).collect();

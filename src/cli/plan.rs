@@ -96,9 +96,8 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     Ok(Answer::new(shown.join("\n"), json))
 }
 
-/// The folder of the outputs as an absolute path, where it is not in the folder of the plan, so that the plan by
-/// itself does not send files there; `None` where it is, or the user names none. A note shows the flag of the
-/// merge.
+/// The folder of the outputs as an absolute path, where it is not in the folder of the plan, so that the plan by itself
+/// does not send files there; `None` where it is, or the user names none. A note shows the flag of the merge.
 pub(super) fn out_elsewhere(p: &Parameters, session: &Session) -> Option<PathBuf> {
     let folder = p.output.parent().unwrap_or(Path::new(""));
     let out = p.out.as_deref()?;

@@ -77,7 +77,7 @@ fn one_picture(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     require_writable(&p.output)?;
     let columns = pipeline::contact_sheet_columns(p.files.len());
     let rows = p.files.len().div_ceil(columns);
-    // The requested size is that of the whole sheet.
+    // The requested size is that of the whole sheet; many pictures keep 16 pixels each.
     let size = [
         (p.size.0 as usize / columns).max(16),
         (p.size.1 as usize / rows).max(16),

@@ -142,8 +142,7 @@ fn compared(path: &Path, origin: &Origin, report: &Report, keeps_outputs: bool) 
     let expected = Some(&origin.content_hash);
     let has_name =
         |o: &&&crate::pipeline::OutputFile| Path::new(&o.path).file_name() == path.file_name();
-    // The output with the recorded hash; else that of the same name, else the first one, to show how it
-    // differs.
+    // The output with the recorded hash; else that of the same name, else the first one, to show how it differs.
     let made = volumes
         .iter()
         .find(|o| o.content_hash.as_ref() == expected)

@@ -54,8 +54,7 @@ pub(super) struct Parameters {
     pub(super) from: Option<PathBuf>,
 }
 
-/// Runs a recipe, a plan, a sequence, or the recipe of a `.vdb`: the name of the file and the flags
-/// decide.
+/// Runs a recipe, a plan, a sequence, or the recipe of a `.vdb`: the name of the file and the flags decide.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let is_plan = p.recipe.extension().is_some_and(|e| e == "json");
     if is_plan && super::sequence_plan::is_sequence(&p.recipe) {
@@ -115,8 +114,7 @@ fn sequence(p: &Parameters, frames: &FrameList, session: &Session) -> Result<Ans
     sequence.run(session)
 }
 
-/// Opens the grids of cells within limits, in a child process, before the run does: a damaged file is an error
-/// then.
+/// Opens the grids of cells within limits, in a child process, before the run does: a damaged file is an error then.
 fn inspect_voxels(recipe: &Recipe) -> Result<(), Failure> {
     for cell in recipe.sections().cell.values() {
         if let Some(file) = &cell.voxels {

@@ -106,7 +106,7 @@ fn summary(report: &Report) -> String {
     let solid = &report.solid;
     let seconds: f64 = report.stages.iter().map(|s| s.seconds).sum();
     let unit = &report.unit;
-    // Components are not counted in bricks.
+    // None where nothing was sampled.
     let components = match solid.components {
         0 => String::new(),
         1 => "1 component, ".to_owned(),

@@ -241,6 +241,7 @@ pub(super) fn describe(path: &Path) -> Result<(String, Value), Failure> {
     }
 }
 
+/// The groups as objects; appends a line for each to `text`, as `fields_of` does.
 fn groups_of(groups: &[Group], text: &mut String) -> Vec<Value> {
     let mut all = Vec::new();
     for group in groups {
@@ -274,7 +275,7 @@ fn fields_of(fields: &[DataField], text: &mut String) -> Vec<Value> {
     all
 }
 
-/// Minimum and maximum of each component; NaN is ignored.
+/// Minimum and maximum of each component that has a number; NaN is ignored.
 fn ranges(field: &DataField) -> Vec<[f64; 2]> {
     let components = field.components.max(1);
     let mut all = vec![[f64::INFINITY, f64::NEG_INFINITY]; components];
@@ -288,7 +289,7 @@ fn ranges(field: &DataField) -> Vec<[f64; 2]> {
 
 fn spans(ranges: &[[f64; 2]]) -> String {
     let span = |r: &[f64; 2]| format!("{} to {}", figures(r[0]), figures(r[1]));
-    let all: Vec<String> = ranges.iter().take(9).map(span).collect();
+    let all: Vec<String> = ranges.iter().take(9).map(span).collect(); // as many as a tensor has
     if all.is_empty() {
         return String::new();
     }
@@ -326,7 +327,6 @@ fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
         listed.join(", "),
         file.surface.nodes().len()
     );
-    // Each of these also appends its lines.
     let groups = groups_of(&file.groups, &mut text);
     let fields = fields_of(&file.fields, &mut text);
     left_out(file.skipped, file.unused_nodes, &file.notes, &mut text);
@@ -349,7 +349,7 @@ fn describe_surface(path: &Path, file: &SurfaceFile) -> (String, Value) {
 /// The description of a scaffold, as text and as an object.
 fn describe_solids(path: &Path, file: &ScaffoldFile) -> (String, Value) {
     let report = file.scaffold.report();
-    // Elements by their numbers in the file.
+    // Elements by their numbers in the file; `inverted` are the folded ones, whose Jacobian changes sign.
     let bad =
         |list: &[crate::scaffold::BadElement]| list.iter().map(|b| b.number).collect::<Vec<u64>>();
     let kinds: serde_json::Map<String, Value> = report
@@ -438,7 +438,6 @@ fn screen(path: &Path, r: &ScaffoldReport) -> String {
         if r.components == 1 { "" } else { "s" },
         r.outer_faces
     );
-    // The first of each is enough to find them.
     let first = |name: &str, list: &[crate::scaffold::BadElement], text: &mut String| {
         if let Some(bad) = list.first() {
             let _ = writeln!(

@@ -51,7 +51,7 @@ impl Made<'_> {
         if is_cad(self.part) {
             let options = CadOptions {
                 cell,
-                order: self.order.unwrap_or(2),
+                order: self.order.unwrap_or(2), // as of a part in a recipe
             };
             let mesh = cad_mesh(self.part, options, session)?;
             let read = crate::io::read_scaffold(&mesh);
@@ -80,6 +80,7 @@ impl Made<'_> {
             }
         }
         if let Some(picture) = self.picture {
+            // 0: as many threads as cores.
             write_bytes(
                 picture,
                 &super::preview::png(self.output, SIZE, 0, session)?,

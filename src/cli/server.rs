@@ -293,8 +293,7 @@ fn converse(mut stream: TcpStream, guard: &Guard, requests: &SyncSender<Waiting>
     }
 }
 
-/// Writes the head and the body of an answer. The headers allow nothing from elsewhere, and no
-/// copies.
+/// Writes the head and the body of an answer. The headers allow nothing from elsewhere, and no copies.
 fn write(stream: &mut TcpStream, reply: &Reply) -> std::io::Result<()> {
     let reason = match reply.status {
         200 => "OK",

@@ -147,6 +147,7 @@ fn one_stack(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
             if n == 0 {
                 require_directory(&p.output)?;
             }
+            // PNG states its resolution in pixels per metre, 1000 mm.
             let per_metre = 1000.0 / (s.plan.pixel * to_mm);
             let png = grey_png(&s.plan, layer, per_metre)
                 // Encoding into memory has no file and no kind of error of its own.
@@ -224,8 +225,7 @@ impl Drop for Pictures<'_> {
     }
 }
 
-/// Writes a slice stack (3MF) in millimetres; `cut` slices the part and passes the layers, in order, to its
-/// argument.
+/// Writes a slice stack (3MF) in millimetres; `cut` slices the part and passes the layers, in order, to its argument.
 fn stack(
     file: &mut AtomicFile,
     p: &Parameters,
@@ -245,7 +245,6 @@ fn stack(
     let mut writer = None;
     let sliced = cut(&mut |s, n, layer| {
         let to_mm = s.unit.to(LengthUnit::Millimetre);
-        // The writer needs the box, which the first layer brings.
         if let Some(file) = out.take() {
             let plan = &s.plan;
             let [u, v] = [0, 1].map(|k| plan.corner[k] + plan.pixels[k] as f64 * plan.pixel);

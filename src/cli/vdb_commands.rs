@@ -196,8 +196,8 @@ pub(super) fn output_key(path: &Path) -> &'static str {
     }
 }
 
-/// The longest edge of the solid's box in a unit and, where they differ, in another: "0.06 m -> 60 mm"; empty without
-/// a box.
+/// The longest edge of the solid's box in a unit and, where they differ, in another, in five significant digits:
+/// "0.06 m -> 60 mm"; empty without a box.
 pub(super) fn longest_edge_text(report: &Report, from: LengthUnit, to: LengthUnit) -> String {
     let Some(bounds) = report.solid.bounds else {
         return String::new();

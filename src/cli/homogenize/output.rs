@@ -345,8 +345,7 @@ fn matrix<const N: usize>(text: &mut String, m: &[[f64; N]; N]) {
     }
 }
 
-/// Young's modulus over all directions: polar angle from z and angle around it in degrees, the direction, the
-/// modulus.
+/// Young's modulus over all directions: polar angle from z and angle around it in degrees, the direction, the modulus.
 pub(super) fn modulus_table(compliance: &Voigt) -> String {
     let mut text = "theta,phi,x,y,z,E\n".to_owned();
     for theta in (0..=180).step_by(ANGLE_STEP_DEGREES) {

@@ -31,7 +31,7 @@ const SURFACES: [Surface; 5] = [
 struct Entry {
     name: String,
     found: DesignProperties,
-    /// Whether no other cell is stiffer at the same permeability or more.
+    /// Whether no other cell is at least as good in both figures and better in one.
     is_best: bool,
 }
 
@@ -50,7 +50,8 @@ fn surfaces(element: Element, fraction: f64) -> Vec<Cell> {
     let kinds = SURFACES
         .into_iter()
         .flat_map(|s| [(s, Solid::Below), (s, Solid::Sheet)]);
-    // A surface without a cell in this element, or without a level for the fraction, is left out.
+    // A surface without a cell in this element, or without a level for the fraction, is left out. The level 0.1 is
+    // provisional: that of a sheet must be above 0.
     let made = kinds.filter_map(|(surface, solid)| {
         let cell = surface.cell(element).ok()?.with_solid(solid, 0.1).ok()?;
         let level = cell.level_for_volume_fraction(fraction).ok()?;
@@ -108,7 +109,6 @@ pub(super) fn answer(
     let places: Vec<[f64; 2]> = entries.iter().map(Entry::place).collect();
     for entry in &mut entries {
         let [k, bulk] = entry.place();
-        // Best if no other cell is at least as good in both figures and better in one.
         entry.is_best = !places
             .iter()
             .any(|o| (o[0] >= k && o[1] > bulk) || (o[0] > k && o[1] >= bulk));

@@ -35,7 +35,7 @@ pub(super) fn histogram(value: &Value, label: &str, limit: Option<&Limit>) -> Op
     if edges.len() != counts.len() + 1 || highest <= 0.0 {
         return None;
     }
-    // A limit beyond the samples lies on the axis too.
+    // A limit beyond the samples lies on the axis too, which ends a twentieth behind it.
     let end = limit.map_or(top, |l| top.max((1.05 * l.value).min(f64::MAX)));
     let x = |v: f64| PLOT_LEFT + v / end * PLOT_WIDTH;
     let bottom = PLOT_TOP + PLOT_HEIGHT;
@@ -54,7 +54,7 @@ pub(super) fn histogram(value: &Value, label: &str, limit: Option<&Limit>) -> Op
         PLOT_LEFT - 6.0,
         PLOT_TOP + 4.0,
     );
-    // Bars wholly below the limit have another colour.
+    // Bars wholly below the limit have another colour; a gap of 1 parts them.
     for (bin, &count) in edges.windows(2).zip(&counts) {
         let height = count / highest * PLOT_HEIGHT;
         let is_below = limit.is_some_and(|l| bin[1] <= l.value);

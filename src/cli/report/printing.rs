@@ -6,7 +6,7 @@ use crate::cli::html::{number, place, table};
 use serde_json::Value;
 use std::fmt::Write;
 
-/// Greatest number of rows of a table.
+/// Greatest number of channels, of islands and of cups that a table lists.
 const MAX_ROWS: usize = 20;
 
 /// The table of the channels that `drain` drilled, at most `MAX_ROWS`; empty without any.

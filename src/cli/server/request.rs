@@ -6,7 +6,7 @@ use std::io::Read;
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-/// Longest line of the request with all its headers, bytes.
+/// Longest head, the line of the request with all headers, bytes; it may be passed by what one read holds.
 const MAX_HEAD_BYTES: usize = 1 << 14;
 /// Longest body, bytes.
 const MAX_BODY_BYTES: usize = 1 << 16;

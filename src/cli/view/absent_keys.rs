@@ -34,8 +34,7 @@ impl AbsentKey {
         })
     }
 
-    /// Adds the key with its value (`literal`, as TOML) after the header of its section; nothing without that
-    /// header.
+    /// Adds the key with its value (`literal`, as TOML) after the header of its section; nothing without that header.
     pub fn add(&self, text: &mut String, literal: &str) {
         if let Some(at) = header_end(text, &self.header) {
             let name = self.key.rsplit('.').next().unwrap_or_default();

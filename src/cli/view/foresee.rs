@@ -9,12 +9,12 @@ use crate::cli::kind::FileKind;
 use crate::io::{ElementFile, read_cell, read_elements, read_mesh, read_solid};
 use serde_json::{Value, json};
 
-/// Bytes of a triangle in a page.
+/// Bytes of a triangle in a page, about, with its share of vertices and values, compressed.
 const BYTES_PER_TRIANGLE: f64 = 12.0;
-/// Bytes of the page without geometry.
+/// Bytes of the page without geometry, about: scripts and styles.
 const PAGE_BYTES: u64 = 60_000;
 
-/// What the page of a file would hold, as an object, without making meshes.
+/// What the page of a file would hold, as an object. Only faces of elements are made; of a cell the limit is shown.
 pub(super) fn foresee(p: &Parameters) -> Result<Value, Failure> {
     let is_surface = crate::cli::cell_text::surface(&p.file, None)?.is_some();
     let mut step = 1u64;
@@ -29,7 +29,6 @@ pub(super) fn foresee(p: &Parameters) -> Result<Value, Failure> {
                     coarse_reading(p),
                 )?;
                 step = volume.coarse_step().into();
-                // A level set is not meshed for this; its band gives the number.
                 let triangles = volume.band_voxels() as f64 / VOXELS_PER_TRIANGLE;
                 ("level set", triangles as usize)
             }
@@ -50,6 +49,7 @@ pub(super) fn foresee(p: &Parameters) -> Result<Value, Failure> {
             }
         }
     };
+    // More are simplified to about the limit; those of a scaffold are what the page shows, also where they pass it.
     let triangles = found.min(p.triangles);
     Ok(json!({
         "kind": kind, "path": p.file.display().to_string(), "source_triangles": found, "triangles": triangles,

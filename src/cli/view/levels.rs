@@ -85,12 +85,10 @@ pub(super) fn show(
     };
     let mut size = first.map_or(own_size, |size| size.max(own_size));
     let mut last: Option<Step> = None;
-    // Each step has about so many active voxels; the last is on the recipe's own voxels if these are
-    // few.
+    // Each step has about so many active voxels; the last is on the recipe's own voxels if these are few.
     for number in 1..=LEVEL_VOXELS.len() {
         let is_own = size <= own_size;
         let is_last = is_own || number == LEVEL_VOXELS.len();
-        // Coarse voxels leave out operations that need fine ones.
         let (used, used_edit) = if is_own {
             (&own_text, edit)
         } else {
@@ -106,6 +104,7 @@ pub(super) fn show(
             }
             other => other?,
         };
+        // A run in bricks keeps no level set.
         let Some(solid) = solid else { break };
         let sampled = Sampled {
             grid: Grid::LevelSet(solid),
@@ -126,7 +125,8 @@ pub(super) fn show(
         publish(work, &step, false, progress)?;
         let count = step.report.band.active_voxels.max(1) as f64;
         if number == 1 {
-            // The next change begins with voxels that are right for this part and this machine.
+            // The next change begins with the voxels that this part and machine make in the time, over those of a
+            // first step; 1 ms is the least that a run takes.
             let seconds = start.elapsed().as_secs_f64() - input_seconds(&step.report);
             let speed_ratio = FIRST_STEP_SECONDS / seconds.max(1e-3) * count / LEVEL_VOXELS[0];
             let wanted = LEVEL_VOXELS[0] * speed_ratio.clamp(MIN_FIRST_SHARE, 1.0);
@@ -137,8 +137,7 @@ pub(super) fn show(
         if is_last {
             break;
         }
-        // Voxels of the next step: their number grows with edge^-g, so edge = edge (count / wanted)^(1 /
-        // g).
+        // Voxels of the next step: their number grows with edge^-g, so edge = edge (count / wanted)^(1 / g).
         let ratio = (count / LEVEL_VOXELS[number]).powf(1.0 / VOXEL_GROWTH);
         let finer = (size * ratio).max(own_size);
         if finer * MIN_REFINEMENT > size {

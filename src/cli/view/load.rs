@@ -138,8 +138,7 @@ fn shown_unit(stated: Option<&str>, longest: f64) -> (&str, f64) {
     }
 }
 
-/// The scene of a level set of a file, and its grid for slices. Large ones are read on coarser
-/// voxels.
+/// The scene of a level set of a file, and its grid for slices. Large ones are read on coarser voxels.
 fn level_set(
     p: &Parameters,
     tools: vdb::Session,
@@ -167,7 +166,6 @@ fn level_set(
         let mesh = adopted.solid.to_mesh(tools)?;
         (mesh, Grid::LevelSet(adopted.solid))
     };
-    // Metres are shown as millimetres where the part is small.
     let (unit, factor) = shown_unit(stated.as_deref(), mesh.bounds().size().max());
     let mesh = mesh.mapped(|x| x * factor);
     let edge = factor * info.voxel_size[0];
@@ -218,6 +216,7 @@ fn level_set(
     simplified(found, body.triangles.len(), &mut notes);
     let mut facts = vec![
         ["grid".into(), own.clone()],
+        // The edge of the file's own voxels.
         ["voxel".into(), with_unit(edge / f64::from(step), unit)],
     ];
     if step == 1 {
@@ -414,7 +413,7 @@ pub(super) fn scaffold_scene(p: &Parameters, own: Elements, warnings: &[String])
             ),
         ],
         [
-            "inverted, degenerate".into(),
+            "inverted, degenerate".into(), // inverted: the Jacobian changes sign
             format!("{}, {}", report.folded.len(), report.degenerate.len()),
         ],
     ];

@@ -1,6 +1,5 @@
-//! What the schema of recipes states about a key: its description, its words, and whether it takes integers. Keys
-//! are written with dots and numbers, as `op.2.dilate`; the schema is followed through alternatives and
-//! references.
+//! What the schema of recipes states about a key: its description, its words, and whether it takes integers. Keys are
+//! written with dots and numbers, as `op.2.dilate`; the schema is followed through alternatives and references.
 
 use serde_json::Value;
 

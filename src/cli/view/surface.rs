@@ -181,7 +181,7 @@ fn divided(mesh: &TriMesh, triangles: &[[u32; 3]]) -> (Body, Vec<u32>) {
                 if known
                     .iter()
                     .zip(normal)
-                    // Normals of bytes that differ by a tenth of their length count as one.
+                    // Normals of bytes that differ by a tenth of their length, 127, count as one.
                     .all(|(a, b)| (i32::from(*a) - i32::from(b)).abs() <= 12)
                 {
                     return at;

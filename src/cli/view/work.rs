@@ -273,8 +273,7 @@ impl<'a> Work<'a> {
         Ok(())
     }
 
-    /// Publishes a scene with its grid for slices and facts of its step. A cancelled piece of work publishes
-    /// nothing.
+    /// Publishes a scene with its grid for slices and facts of its step. A cancelled piece of work publishes nothing.
     pub fn publish(
         &self,
         scene: &Scene,
