@@ -1,5 +1,4 @@
-//! `drain`: the keys of the operation that drills channels from cavities to the outside. The search is beside that
-//! for cavities, the drilling in the pipeline.
+//! `drain`: the keys of the operation that drills channels from cavities to the outside.
 
 use super::brief::short;
 use super::quantity::{Finite, Size};
@@ -10,7 +9,7 @@ use serde::Deserialize;
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Drain {
-    /// Radius of the channels, at least one voxel.
+    /// Radius of the channels, at least one voxel, at most 94.
     pub radius: Size,
     /// Which cavities are drained.
     #[serde(default)]
