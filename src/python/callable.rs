@@ -46,15 +46,17 @@ impl<'a> CallableField<'a> {
         half_width: f64,
         progress: &'a dyn Progress,
     ) -> Self {
+        // The band goes a voxel beyond the half width, and a bound another for the neighbours.
         let around = extent.dilated((half_width + 2.0) * voxel_size);
         let mut spacing = LEAF_VOXELS * voxel_size;
         let count = |spacing: f64| around.size().map(|s| (s / spacing).ceil() + 1.0);
-        // A sample for each leaf along each axis; in large boxes for every second, fourth and so on.
+        // A sample for each leaf along each axis, in large boxes for every second, fourth and so on, and one more.
         while count(spacing).product() > MAX_BOUND_SAMPLES {
             spacing *= 2.0;
         }
-        // Each sample lies at the centre of a leaf.
+        // Where each leaf has a sample, it lies at the centre.
         let shift = Vec3::repeat((LEAF_VOXELS - 1.0) / 2.0 * voxel_size);
+        // The first place is rounded down, so the last needs one more.
         let origin = (around.min / spacing).map(f64::floor) * spacing + shift;
         let counts = count(spacing).map(|c| c as usize + 1).into();
         let mut field = Self {
@@ -90,7 +92,6 @@ impl<'a> CallableField<'a> {
         raised.is_none()
     }
 
-    /// The exception that a call has raised.
     pub(crate) fn take_exception(&self) -> Option<PyErr> {
         let mut raised = self.raised.lock().unwrap_or_else(PoisonError::into_inner);
         raised.take()

@@ -24,8 +24,7 @@ pub(crate) enum Fault {
 impl Fault {
     /// The exception.
     pub(crate) fn raise(self, py: Python<'_>) -> PyErr {
-        // The exceptions are classes of the Python part of the package, which makes them from words and
-        // places.
+        // The exceptions are classes of the Python part of the package, which makes them from words and places.
         let make = |kind: &str, message: &str, failure: Option<&Failure>| {
             let place = failure.map_or((None, None), Failure::place);
             let arguments = (

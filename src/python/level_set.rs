@@ -35,7 +35,6 @@ type LeafArrays<'py> = (
 );
 
 impl LevelSet {
-    /// The object of a level set.
     pub(crate) fn of(level_set: druse::vdb::LevelSet) -> Self {
         Self(RwLock::new(Some(level_set)))
     }

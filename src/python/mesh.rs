@@ -23,7 +23,6 @@ pub(crate) struct Mesh {
 }
 
 impl Mesh {
-    /// The object of a mesh.
     pub(crate) fn of(mesh: TriMesh) -> Self {
         Self {
             mesh: Arc::new(mesh),

@@ -35,7 +35,6 @@ pub(crate) struct Scaffold {
 }
 
 impl Scaffold {
-    /// The object of a scaffold.
     fn of(scaffold: druse::scaffold::Scaffold) -> Self {
         Self {
             scaffold: Arc::new(scaffold),

@@ -1,4 +1,4 @@
-//! Cells over scaffolds.
+//! Cells over scaffolds as Python objects; `_tiling.py` has checked the shapes of arrays and the words of turns.
 
 use crate::arrays::{self, Points};
 use crate::cell::Cell;
@@ -46,6 +46,7 @@ pub(crate) struct Orient {
     up: Option<[f64; 3]>,
     /// "error" or "blend".
     mismatch: String,
+    /// Of the layer in which turns are blended, as a share of an element.
     width: Option<f64>,
 }
 
@@ -73,7 +74,7 @@ impl Orient {
 }
 
 impl Tiling {
-    /// Calls a function with the field of the tiling.
+    /// Calls a function with the field of the tiling; the edge of a voxel and the half width are world units.
     fn with_field<R>(
         &self,
         (voxel_size, half_width): (f64, f64),
@@ -124,7 +125,8 @@ impl Tiling {
 
 #[pymethods]
 impl Tiling {
-    /// `cells` by member, then by element shape; `graded` is a quantity's name and its values at the nodes.
+    /// `cells` by member, then by element shape; `graded` is a quantity's name and its values at the nodes, `words` are
+    /// the interpolation, the distance and the boundary.
     #[new]
     fn new(
         py: Python<'_>,
@@ -204,7 +206,7 @@ impl Tiling {
                 scaffold,
                 mixture,
             };
-            // Faults of cells that do not fit the scaffold appear here.
+            // Faults of cells that do not fit the scaffold appear here, whatever the voxel: one as large as an element.
             let edge = tiling.scaffold.stretch().1;
             tiling.with_field((edge, edge), |_| ())?;
             Ok(tiling)

@@ -88,6 +88,7 @@ pub(crate) fn from_leaves(
         let mut leaves = BTreeMap::new();
         for (n, origin) in origins.iter().enumerate() {
             let at = Coord(*origin);
+            // Indices up to 2^29 leave room in 32 bits for sums and doubles of places.
             if at.aligned(8) != at || origin.iter().any(|c| c.unsigned_abs() > 1 << 29) {
                 return Err(Fault::Argument(format!(
                     "leaf {n} is at {origin:?}; expected multiples of 8 up to 2^29"
@@ -123,7 +124,6 @@ pub(crate) fn from_dense(
     let values =
         values.map_err(|_| Fault::Argument("values: expected a contiguous array".into()))?;
     session::work(py, None, |session| {
-        // The place of the first bad value, for the message.
         if let Some(n) = values.iter().position(|v| !v.is_finite()) {
             let [_, ny, nz] = shape;
             let text = format!(
@@ -140,7 +140,7 @@ pub(crate) fn from_dense(
     })
 }
 
-/// The level set of a function of points [n, 3] within a box; `half_width` in voxels.
+/// The level set of a function of points [n, 3] within a box, and the number of samples; `half_width` in voxels.
 #[pyfunction]
 #[pyo3(signature = (function, bounds, voxel_size, lipschitz, half_width, progress=None))]
 pub(crate) fn from_function(
@@ -158,6 +158,7 @@ pub(crate) fn from_function(
     };
     session::work(py, progress, |session| {
         let transform = transform(voxel_size)?;
+        // Before the function is called; the culling limits to 2^29 where the box may lie.
         let is_usable = half_width.is_finite() && half_width >= 1.0 && !extent.is_empty();
         let voxels = extent.size() / voxel_size;
         if !is_usable
@@ -185,8 +186,7 @@ pub(crate) fn from_function(
             extent,
         };
         let builder = LevelSetBuilder::new(transform, half_width)?;
-        // An exception of the function cannot pass through the evaluation: the field keeps it, and it is
-        // raised here.
+        // An exception of the function cannot pass through the evaluation: the field keeps it, and it is raised here.
         let evaluated = field
             .is_sound()
             .then(|| band.evaluate(session.threads, session.progress, &builder));
@@ -214,7 +214,7 @@ fn dense(
             let mut leaf_values = [background; 512];
             let mut mask = [0u64; 8];
             for n in 0..512 {
-                let [i, j, k] = [x + (n >> 6), y + (n >> 3 & 7), z + (n & 7)];
+                let [i, j, k] = [x + (n >> 6), y + ((n >> 3) & 7), z + (n & 7)];
                 if i < nx && j < ny && k < nz {
                     let v = values[(i * ny + j) * nz + k];
                     leaf_values[n] = v.clamp(-background, background);
