@@ -118,8 +118,8 @@ impl Cell {
     ///
     /// # Errors
     /// [`CellError::Unfitting`] unless every series has the element's dimension, a group of symmetries of
-    /// the element and one of the element's lattices; [`CellError::Expression`] for a function that is nearly
-    /// constant.
+    /// the element and one of the element's lattices; [`CellError::Expression`] for a function without a series, or one
+    /// that is nearly, but not exactly, constant.
     pub fn new(
         name: &str,
         element: Element,

@@ -8,11 +8,9 @@
 //!
 //! Operators are written on u as `x,-z,y` (the images of the coordinates). The representative of an orbit is
 //! its lexicographically largest member. A band is the ball |f| <= R, which is invariant under every group.
-//! Orthonormal functions have the factor (|L| m)^(-1/2) in front of the sum over an orbit of m members
-//! (Eq. 1-8 of the symmetric Fourier construction, with the conjugate in Eq. 8 restored). The icosahedral
-//! group has no lattice in space, but one in six dimensions: functions with its periods, restricted to
-//! (x, 0), are sums of plane waves whose frequencies form a module of rank 6. Coordinates beyond z are
-//! named u, v, w.
+//! Orthonormal functions have the factor (|L| m)^(-1/2) in front of the sum over an orbit of m members.
+//! The icosahedral group has no lattice in space, but one in six dimensions: functions with its periods, restricted
+//! to (x, 0), are sums of plane waves whose frequencies form a module of rank 6. Coordinates beyond z are named u, v, w.
 
 mod basis;
 mod lattice;

@@ -71,15 +71,13 @@ pub fn symmetry<const D: usize>(
     lattice: Option<&str>,
 ) -> Result<(PointGroup<D>, Lattice<D>), CellError> {
     let parsed = match group {
-        // A text with commas lists operators. With fractions too it is a space group, which `space_group`
-        // parses below.
+        // A text with commas lists operators. With fractions too it is a space group, which `space_group` parses below.
         Some(text) if text.contains(',') && !text.contains('/') => {
             Some(GroupText::parse(&text.replace(';', "\n"))?)
         }
         _ => None,
     };
-    // The lattice of the caller comes before the one in the text; without both, it is the first of the
-    // element.
+    // The lattice of the caller comes before the one in the text; without both, it is the first of the element.
     let text_lattice = parsed.as_ref().and_then(|t| t.lattice.clone());
     let name = lattice
         .or(text_lattice.as_deref())

@@ -168,7 +168,8 @@ pub fn residual<const D: usize>(series: &Series<D>, element: Element) -> f64 {
             .iter()
             .filter(|c| (plane.normal.dot(c) - plane.offset).abs() < 1e-9)
             .collect();
-        // Convex combinations of the corners with quasi-random weights.
+        // Convex combinations of the corners with quasi-random weights: steps of the golden ratio, with another shift
+        // by sqrt 2 for each corner.
         for n in 1..=60u32 {
             let weights: Vec<f64> = (0..own.len())
                 .map(|i| (f64::from(n) * 0.618_034 + (i * i) as f64 * 0.414_214 + 0.1).fract())

@@ -279,8 +279,7 @@ impl Cell {
     /// group or lattice, an invalid coefficient, a level out of range.
     pub fn from_json(text: &str) -> Result<Self, CellTextError> {
         let mut document: Document = serde_json::from_str(text).map_err(|e| {
-            // The message of the parser ends with the place, which the error holds as a number: it is cut
-            // off.
+            // The message of the parser ends with the place, which the error holds as a number: it is cut off.
             let full = e.to_string();
             let place = format!(" at line {} column {}", e.line(), e.column());
             CellTextError {
@@ -340,6 +339,7 @@ impl Cell {
             self.gamma(),
             self.face_normal,
         );
+        // A report of numbers and text always serialises.
         let report = self.report().map(serde_json::to_string);
         if let Some(Ok(json)) = report {
             let _ = write!(text, ",\n  \"report\": {json}");

@@ -67,7 +67,8 @@ const BAND_LIMIT_FACTOR: f64 = 1.5;
 ///
 /// # Errors
 /// [`FitError`]: a source that is not finite, has no solid or no void inside the element, or has no
-/// symmetric part; a band limit that is too large; an incompatible lattice.
+/// symmetric part; an option out of range or unfit for the element; equations that are singular or do not converge;
+/// cancelling.
 ///
 /// ```
 /// # mod druse { pub use druse_cells::*; pub use druse_geometry::*; }

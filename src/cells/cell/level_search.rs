@@ -1,4 +1,5 @@
-//! Computes the share of the element's volume that a level of a cell's function makes solid, and the level for a share.
+//! The share of the element's volume that a level of a cell's function makes solid, and the level for a share. From the
+//! same samples: the check for a surface, and the mean gradient on the surface by its planar patches.
 //!
 //! A *flag* is the simplex (centroid, vertex, edge midpoint, face centre) of an element. The group of the cell maps a
 //! few flags, its fundamental domain, onto all others, so that means over these flags are means over the
@@ -418,7 +419,7 @@ impl Cell {
         *self.gamma.get_or_init(|| found)
     }
 
-    /// Root mean square of the gradient over the surfaces of these levels inside the element.
+    /// Root mean square of the gradient over the surfaces of these levels inside the element; without one, over it all.
     pub(super) fn gamma_at(&self, levels: &[f64]) -> f64 {
         let samples = self.samples(Samples::affordable_parts(self).min(MAX_GRADIENT_PARTS));
         let patches: Vec<SurfacePatch> = levels

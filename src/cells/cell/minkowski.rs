@@ -95,7 +95,7 @@ pub fn combine(a: &[bool], b: &[bool], n: usize, operation: Operation) -> Vec<bo
 ///
 /// # Errors
 /// [`FitError`]: cells of different elements, an element whose cell has no continuation, a result
-/// that is empty or fills the element, and those of [`fit()`].
+/// that is empty or fills the element, and those of [`Table::new`] and [`fit()`].
 pub fn minkowski(
     name: &str,
     a: &Cell,

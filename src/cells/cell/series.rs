@@ -45,9 +45,9 @@ impl<const D: usize> Series<D> {
     /// `terms` are pairs of an index and (re, im); any member of the orbit, or of its opposite, may be listed.
     ///
     /// # Errors
-    /// [`CellError::Coefficient`] for an orbit pair listed twice, a number that is not finite, a
-    /// complex coefficient of an orbit that holds k and -k (the function would not be real) or an
-    /// index beyond 4096.
+    /// [`CellError::Coefficient`] for an orbit pair listed twice, a number that is not finite or beyond 1e18, a
+    /// complex coefficient of an orbit that holds k and -k (the function would not be real), an
+    /// index beyond 4096 or more than two million exponentials.
     pub fn new(
         group: PointGroup<D>,
         lattice: Lattice<D>,
@@ -69,8 +69,7 @@ impl<const D: usize> Series<D> {
             if k.iter().any(|v| v.saturating_abs() > MAX_INDEX) {
                 return Err(fail(format!("the index is beyond {MAX_INDEX}")));
             }
-            // One term per orbit pair +-k: of the two representatives the greater is kept, and C(-k) = conj
-            // C(k).
+            // One term per orbit pair +-k: of the two representatives the greater is kept, and C(-k) = conj C(k).
             let rep = group.canonical(k);
             let opposite = group.canonical(k.map(|v| -v));
             let (rep, c) = if rep < opposite {
@@ -80,9 +79,8 @@ impl<const D: usize> Series<D> {
             };
             let orbit = group.orbit(rep);
             let size = c[0].abs().max(c[1].abs());
-            // The limit 1e-9 is relative to the coefficient.
-            // An orbit with k and -k needs a real coefficient. A small imaginary part is rounding and becomes
-            // 0.
+            // An orbit with k and -k needs a real coefficient. An imaginary part up to 1e-9 of the coefficient is
+            // rounding and becomes 0.
             if orbit.is_self_paired() && c[1].abs() > 1e-9 * size {
                 return Err(fail(format!(
                     "its orbit holds k and -k, so that the imaginary part must be 0, found {}",
@@ -110,8 +108,7 @@ impl<const D: usize> Series<D> {
             }
             coefficients.push((place, Coefficient { k: rep, c }));
         }
-        // By frequency, then by index. The norm is rounded, so that rounding does not change the order within
-        // a shell.
+        // By frequency, then by index. The norm is rounded, so that rounding does not change the order within a shell.
         let order = |k: Frequency<D>| ((lattice.frequency_norm(k) * 1e9).round() as i64, k);
         coefficients.sort_by_key(|(_, t)| order(t.k));
         // After sorting, an orbit that is listed twice is beside itself.

@@ -119,8 +119,7 @@ impl Table {
         let any_numbering = cell.fits_any_numbering();
         let element = cell.element();
         let dropped = leaves.iter().map(|(s, _)| s.omitted.count).sum();
-        // Closures are called once per series, in the order of the leaves: an iterator gives each its own
-        // spline.
+        // Closures are called once per series, in the order of the leaves: an iterator gives each its own spline.
         let mut remaining = leaves.iter();
         let [error_rms, ..] = expression.error_bound_with(&mut |_| {
             let square = remaining

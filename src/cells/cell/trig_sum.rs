@@ -192,6 +192,7 @@ impl TrigSum {
             let s = Complex64::new(dot(cr, pr) - dot(ci, pi), dot(cr, pi) + dot(ci, pr));
             let t = Complex64::new(dot(cr, qr) - dot(ci, qi), dot(cr, qi) + dot(ci, qr));
             let w = self.leading(r, &leading);
+            // The derivative of Re(C e) along an axis is -2 pi k Im(C e); t is s with the last index as a factor.
             let part = w * s;
             sum += part.re;
             for a in self.first_axis..LEADING_AXES {

@@ -114,7 +114,7 @@ pub struct SpaceGroup<const D: usize> {
 
 impl<const D: usize> SpaceGroup<D> {
     /// The group with a Hermann-Mauguin symbol of the International Tables, such as `I4132`, `Ia-3d` or `Fd-3m:2`
-    /// for the second choice of its origin; spaces and `_` are ignored. `None` for other words.
+    /// for the second choice of its origin; spaces and `_` are ignored. `None` for other words, and in the plane.
     pub fn named(name: &str) -> Option<Self> {
         if D != 3 {
             return None;

@@ -44,8 +44,8 @@ impl GroupText {
     /// Reads the text of a file.
     ///
     /// # Errors
-    /// [`GroupTextError`]: an unknown word, a duplicate word, no generator, generators of different
-    /// dimensions.
+    /// [`GroupTextError`]: an unknown, repeated or incomplete word, no generator or more than 48, generators without 2
+    /// or 3 images or of different dimensions.
     pub fn parse(text: &str) -> Result<Self, GroupTextError> {
         let (mut name, mut lattice) = (None, None);
         let mut generators: Vec<(usize, String)> = Vec::new();

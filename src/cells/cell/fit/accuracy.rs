@@ -101,7 +101,7 @@ pub(super) fn measure(
         let largest = all.iter().fold(0.0f64, |m, d| m.max(d.abs()));
         ((square / total).sqrt(), largest)
     };
-    // The points differ from those of the fit.
+    // Three parts per edge more than in the fit, so that the points differ from its own.
     let [interior, faces, edges] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let points_on = |weights: [f64; 3]| {
         let (mut all, _) = quadrature_points(element, domain, parts_per_edge + 3, weights);
@@ -146,7 +146,7 @@ pub(super) fn measure(
 const PERIOD_POINTS: usize = 6000;
 
 /// Largest sampled gradient inside the element and over the whole period.
-/// The second is at least the first. Both are lengths of the gradient per reference length.
+/// The second is at least the first, and equal for a function that is not one series. Per reference length.
 fn gradients(cell: &Cell, domain: &Domain) -> (f64, f64) {
     let largest = |points: Vec<CellPoint<3>>| {
         points
@@ -315,7 +315,8 @@ fn hausdorff(
     info: &SourceInfo,
     band_limit: f64,
 ) -> Option<Hausdorff> {
-    // A step of a quarter of the shortest wave; flags of a small group are many, so their grids are coarser.
+    // A step of a quarter of the shortest wave, within limits of time; flags of a small group are many, so their grids
+    // are coarser.
     let flags_per_axis = (domain.flags.len() as f64).cbrt();
     let parts = ((MAX_FLAG_EDGE * 4.0 * band_limit / flags_per_axis).ceil() as usize).clamp(20, 56);
     let parts = part_count(cell, domain, parts, 20);

@@ -1,7 +1,7 @@
 //! Connected components of solid and void in one element.
 //!
-//! The element is filled by flags, the simplices of its barycentric subdivision (centroid, a face's centre, an edge's
-//! middle, a vertex), each an image of a flag of the domain. Within a flag, grid points of one
+//! The element is filled by flags, the simplices of its barycentric subdivision (centroid, a vertex, an edge's
+//! middle, a face's centre), each an image of a flag of the domain. Within a flag, grid points of one
 //! phase that share a tetrahedron are connected. Two flags that differ in one corner share the grid points
 //! of the facet between them, which have the same coordinates in both.
 

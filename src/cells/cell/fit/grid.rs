@@ -97,7 +97,7 @@ pub(super) fn grid_samples<const D: usize>(
             .iter()
             .any(|(normal, offset)| normal.dot(p) - offset > FACE_TOLERANCE)
     };
-    // The element's bounding box in lattice coordinates.
+    // The element's bounding box in steps of the grid; 1e-6 of a step keeps points on the faces despite rounding.
     let mut reach = [[i32::MAX, i32::MIN]; D];
     for v in element.vertices() {
         let u = lattice.inverse() * SVector::<f64, D>::from_fn(|a, _| v[a]);
@@ -154,6 +154,7 @@ pub(super) fn grid_samples<const D: usize>(
     let on_face = |_, faces| if faces >= 1 { 1.0 } else { 0.0 };
     // In the plane, a point on two edges is a vertex.
     let on_edge = |_, faces| if D == 3 && faces >= 2 { 1.0 } else { 0.0 };
+    // Where no point lies on a face or an edge its total is 0, and so are the weights that it divides.
     let (inside, face, edge) = (
         total(&|s, _| s),
         total(&on_face).max(1.0),

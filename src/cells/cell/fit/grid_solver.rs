@@ -32,7 +32,8 @@ impl Job<'_> {
     ) -> Result<Solution, FitError> {
         let options = self.options;
         let lattice = basis.lattice();
-        // The grid has the requested density in the element, and at least six samples per unknown.
+        // The grid has the requested density in the element, at least six samples per unknown, and SAMPLES_PER_WAVE per
+        // shortest wave; `needed_samples` are two per wave.
         let by_density = options.samples as f64 * lattice.volume().powf(1.0 / D as f64);
         let share = self.element.measure() / lattice.volume() / basis.group().order() as f64;
         let by_unknowns = (6.0 * basis.len() as f64 / share).powf(1.0 / D as f64);
@@ -106,9 +107,7 @@ impl NormalEquations {
         };
         let size = basis.len();
         let mut matrix = DMatrix::<f64>::zeros(size, size);
-        // The columns of each basis function, or pair of functions.
-        // The matrix is filled by columns: each task has the columns of one basis function, which no other
-        // writes.
+        // The matrix is filled by columns: each task has those of one basis function or pair, which no other writes.
         let mut rest = matrix.as_mut_slice();
         let mut columns = Vec::new();
         let mut first = 0;

@@ -118,7 +118,7 @@ pub(super) fn conjugate_gradients<const D: usize>(
         constraint,
         kept,
     };
-    // Right side A^T W g, projected onto the null space of the constraint (5.2); the start is a = 0.
+    // Right side A^T W g, projected onto the null space of the constraint; the start is a = 0.
     let mut residual = operator.inner_products_with_basis(&values);
     operator.project(&mut residual);
     let mut real = vec![0.0; basis.len()];
@@ -137,8 +137,7 @@ pub(super) fn conjugate_gradients<const D: usize>(
     let mut z = preconditioned(&residual);
     let mut direction = z.clone();
     let mut rho = dot(&residual, &z);
-    // Preconditioned conjugate gradients: alpha = r.z / p.Ap, a += alpha p, r -= alpha A p, p = z + (r'.z' /
-    // r.z) p.
+    // Preconditioned conjugate gradients: alpha = r.z / p.Ap, a += alpha p, r -= alpha A p, p = z + (r'.z' / r.z) p.
     for step in 0..MAX_STEPS {
         if dot(&residual, &residual).sqrt() <= tolerance {
             return Ok((real, step));

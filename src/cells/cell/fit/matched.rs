@@ -26,8 +26,8 @@ const MAX_UNKNOWNS: usize = 4000;
 /// The result is in the order of the cells. Only the default group and lattice of each element are used.
 ///
 /// # Errors
-/// [`FitError::Cell`] for planar cells and for cells whose solids are on different sides of the level,
-/// [`FitError::TooLarge`], [`FitError::Singular`], [`FitError::Cancelled`].
+/// [`FitError::Cell`] for planar cells and the ball, cells whose solids are on different sides of the level, and a
+/// result without a surface; [`FitError::TooLarge`], [`FitError::Singular`], [`FitError::Cancelled`].
 pub fn fit_matched(
     cells: &[Cell],
     options: &FitOptions,
@@ -55,7 +55,8 @@ pub fn fit_matched(
         let least = if on_square { 0.0 } else { 1.0 / 3.0 };
         let radius = (options.band_limit.powi(2) + least).sqrt() / element.edge();
         let (group, lattice) = symmetry::<3>(element, None, None)?;
-        // The ball holds about this many frequencies; most orbits have as many members as the group.
+        // The ball holds about this many frequencies; most orbits have as many members as the group. It is an estimate,
+        // so that only twice the limit is refused before the frequencies are listed.
         let ball = std::f64::consts::PI * 4.0 / 3.0 * radius.powi(3) * lattice.volume();
         if ball / group.order() as f64 > 2.0 * MAX_UNKNOWNS as f64 {
             return Err(too_large(options.band_limit, ball as usize / group.order()));

@@ -148,8 +148,7 @@ impl FitOptions {
             }
             Err(out_of_range(what, found, expected))
         };
-        // Samples over a period limit the band themselves, so that an infinite band limit is allowed for
-        // them.
+        // Samples over a period limit the band themselves, so that an infinite band limit is allowed for them.
         if !(of_samples && self.band_limit == f64::INFINITY) {
             positive(
                 "band_limit",

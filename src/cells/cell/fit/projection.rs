@@ -1,4 +1,4 @@
-//! Orthogonal projection of a spectrum onto the symmetric functions (Eq. 8, corrected).
+//! Orthogonal projection of a spectrum onto the symmetric functions.
 //!
 //! C of an orbit is the mean of g^ over the orbit, where g^ is the coefficient of exp(2 pi i k.u) in the
 //! samples' interpolant. This follows from the conjugate in c = int g conj(phi). The result is the transform
@@ -89,7 +89,7 @@ pub fn lanczos<const D: usize>(
             (PI * x).sin() / (PI * x)
         }
     };
-    // Sigma = sinc(k / (h + 1)) with h = floor((n - 1) / 2), the largest index of the grid (3.2).
+    // Sigma = sinc(k / (h + 1)) with h = floor((n - 1) / 2), the largest index of the grid.
     let end = (n.max(1) - 1) as f64 / 2.0;
     let end = end.floor() + 1.0;
     let is_orthogonal = matches!(lattice.name(), Some("square" | "cubic"));

@@ -87,7 +87,7 @@ impl Job<'_> {
         let (basis, truncation) =
             frequency_set::basis(self.element, group, lattice, options, self.info)?;
         let over_period = self.info.period.is_some();
-        // Face-normal cells fulfil linear equations (section 5.1).
+        // Face-normal cells fulfil linear equations.
         let constraint = options
             .face_normal
             .then(|| face_normal::equations(&basis, self.element));
@@ -95,8 +95,7 @@ impl Job<'_> {
         let domain = Domain::new(self.element, &operators);
         let space = compatibility::space_group::<3>(self.element, options.group.as_deref())?;
         let image = |rotation, shift| ImageMap { rotation, shift };
-        // Images of a point under the group, by which a source is averaged; a space group also has
-        // translations.
+        // Images of a point under the group, by which a source is averaged; a space group also has translations.
         let images = match &space {
             None => operators.into_iter().map(|q| image(q, None)).collect(),
             // The lattice coordinates of a hex are those of the reference frame.
@@ -134,6 +133,7 @@ impl Job<'_> {
         if let Some(space) = compatibility::space_group(self.element, options.group.as_deref())? {
             series = series.mean_over(&space)?;
         }
+        // The ball has no plane faces.
         let residual = if self.element == Element::Ball {
             0.0
         } else {
@@ -194,7 +194,7 @@ impl Job<'_> {
     /// symmetric: then one evaluation per point suffices.
     ///
     /// # Errors
-    /// [`FitError::NoSymmetricPart`] if no part of the source is symmetric.
+    /// Those of [`sample`], and [`FitError::NoSymmetricPart`] if no part of a source to be averaged is symmetric.
     pub(super) fn values<const D: usize>(
         &self,
         basis: &Basis<D>,
@@ -240,7 +240,7 @@ impl Job<'_> {
         Ok((quadrature_points, values, quality))
     }
 
-    /// Fits by weighted least squares over the element (section 4.3), dense or on a grid.
+    /// Fits by weighted least squares over the element, dense or on a grid.
     fn least_squares<const D: usize>(
         &self,
         basis: &Basis<D>,
@@ -310,7 +310,7 @@ impl Job<'_> {
         Ok(real)
     }
 
-    /// Fits by the transform of a whole period (section 3), followed by filter, penalty (of given samples only),
+    /// Fits by the transform of a whole period, followed by filter, penalty (of given samples only),
     /// truncation and the constraint.
     fn transform<const D: usize>(
         &self,
@@ -354,7 +354,7 @@ impl Job<'_> {
             self.penalised(basis, &mut real);
         }
         let mut constraint = constraint.cloned();
-        // Greedy truncation (3.3): the largest coefficients stay, and a constraint acts on these only.
+        // Greedy truncation: the largest coefficients stay, and a constraint acts on these only.
         if let Some(kept) = largest_coefficients(basis, &real, options.keep) {
             for (value, kept) in real.iter_mut().zip(&kept) {
                 if !kept {

@@ -183,8 +183,8 @@ pub(super) type QuadraturePoint = (CellPoint<3>, f64);
 
 /// Midpoints of the parts of all flags, those of the interior first, and the number of the latter. `weights`
 /// are those of interior, faces and edges.
-/// The weights of each stratum add up to the given one. Faces have twice, and edges four times the parts of the
-/// interior.
+/// The weights of each stratum add up to the given one. Faces have twice, and edges four times the parts per edge that
+/// the interior has.
 pub(super) fn quadrature_points(
     element: Element,
     domain: &Domain,
@@ -248,8 +248,7 @@ pub(super) fn sample(
         })
         .collect::<Result<_, _>>()?;
     let total: f64 = quadrature_points[..interior].iter().map(|(_, w)| w).sum();
-    // Weighted mean over the interior; the points of faces and edges follow later in the list and are left
-    // out.
+    // Weighted mean over the interior; the points of faces and edges follow later in the list and are left out.
     let mean = |f: &dyn Fn(&Moments) -> f64| {
         let terms = moments[..interior].iter().zip(quadrature_points);
         terms.map(|(m, (_, w))| w * f(m)).sum::<f64>() / total

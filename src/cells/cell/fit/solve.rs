@@ -137,8 +137,7 @@ impl NormalEquations {
             })
             .collect();
         let mut right = DVector::<f64>::zeros(n);
-        // Panels of samples keep the design matrix small: right += D W g, matrix += D W D^T, lower triangle
-        // only.
+        // Panels of samples keep the design matrix small: right += D W g, matrix += D W D^T, lower triangle only.
         for panel in samples.chunks(SAMPLES_PER_PANEL) {
             if progress.cancelled() {
                 return Err(FitError::Cancelled(Cancelled));
@@ -227,7 +226,7 @@ impl NormalEquations {
         let n = self.right.len();
         let largest = self.matrix.diagonal().max();
         let span = constraint.map(Constraint::span).filter(|s| s.ncols() > 0);
-        // The quadratic form is restricted to the null space: the constraint holds inside the least squares (5.2). A
+        // The quadratic form is restricted to the null space: the constraint holds inside the least squares. A
         // projection afterwards alone would spoil the fit.
         let solution = if let Some(span) = span {
             let mut matrix = self.matrix.clone();
@@ -249,6 +248,7 @@ impl NormalEquations {
             }
             _ => Err(FitError::Singular {
                 unknowns: n,
+                // The rounding of a factorisation: about n times that of the largest entry.
                 least: 1e-15 * largest * n as f64,
                 found: self.regularisation,
             }),

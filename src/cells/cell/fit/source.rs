@@ -17,7 +17,7 @@ use druse_geometry::progress::Progress;
 /// part outside is not used.
 ///
 /// # Errors
-/// As [`super::fit()`].
+/// As [`super::fit()`]; without a tolerance also [`FitError::Voxels`] for samples too coarse for the band limit.
 pub fn fit_source(
     name: &str,
     element: Element,
@@ -53,7 +53,7 @@ pub fn fit_source(
 /// Fits a cell to a triangle mesh: [`Source::mesh`], then [`fit_source`].
 ///
 /// # Errors
-/// As [`super::fit()`], and [`FitError::Placement`], [`FitError::Mesh`].
+/// As [`fit_source`], and [`FitError::Placement`], [`FitError::Mesh`].
 pub fn fit_mesh(
     name: &str,
     element: Element,

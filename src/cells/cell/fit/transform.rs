@@ -204,8 +204,7 @@ impl<const D: usize> Transform<D> {
                         for (k, value) in line.iter_mut().enumerate() {
                             *value = plane[k * rows + j];
                         }
-                        // The constant and Nyquist terms of real samples are real; rounding errors are
-                        // removed.
+                        // The constant and Nyquist terms of real samples are real; rounding errors are removed.
                         line[0].im = 0.0;
                         if n % 2 == 0 {
                             line[half - 1].im = 0.0;

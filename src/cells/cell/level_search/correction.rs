@@ -40,8 +40,7 @@ pub(super) fn layer_correction(
         let points = corners.map(|c| c.map(|x| x as f64 / parts as f64));
         let polygon = section(&points, &corner_values, t);
         let mean_difference = mean(&polygon, |p| function(flag.point(p)) - t);
-        // The corrected share of a tetrahedron stays between 0 and 1. The first corner is the lowest of the
-        // cube.
+        // The corrected share of a tetrahedron stays between 0 and 1. The first corner is the lowest of the cube.
         sum += (-rate * mean_difference).clamp(-share, 1.0 - share) * weight_of(corners[0]);
     });
     sum

@@ -22,8 +22,8 @@ pub enum Caps {
 
 /// A triangle is a cap if its corners lie this close to a face plane, in reference units.
 const CAP_TOLERANCE: f64 = 1e-6;
-/// Samples are moved towards the centroid by this share of their distance from it, so that none lies in
-/// a cap, where inside and outside meet.
+/// Samples are moved towards the origin by this share of their distance from it, so that none lies in a cap, where
+/// inside and outside meet, except in one through the origin (base of the pyramid).
 const CENTROID_PULL: f64 = 1e-5;
 
 /// For each triangle of a placed mesh, whether it lies in a face plane of the element.

@@ -33,7 +33,8 @@ impl Source {
     pub fn best_origin(&self, element: Element, operators: &[Mat3]) -> Origin {
         let planar = element.dimension() == 2;
         let element_box = element.cell_box();
-        // A low-discrepancy sequence: multiples of powers of 1/x modulo 1, where x^4 = x + 1.
+        // A low-discrepancy sequence: multiples of powers of 1/x modulo 1, where x^4 = x + 1. Up to 40 candidates per
+        // point, since some lie outside the element or in a part that is taken.
         let steps = [0.819_172_513_396, 0.671_043_606_703, 0.549_700_477_901];
         let mut taken = HashSet::new();
         let points: Vec<Vec3> = (1..40 * SAMPLE_COUNT)

@@ -134,8 +134,7 @@ impl Skeleton {
             .iter()
             .map(|c| (c - centre).norm())
             .fold(0.0, f64::max);
-        // Twice the area vector of the triangle at corner i + 1: against the normal, the polygon is not
-        // convex there.
+        // Twice the area vector of the triangle at corner i + 1: against the normal, the polygon is not convex there.
         let corner_normal = |i: usize| {
             let [a, b, c] = [corners[i], corners[(i + 1) % n], corners[(i + 2) % n]];
             (b - a).cross(&(c - b))

@@ -98,8 +98,7 @@ impl Spectrum {
         let periods = std::array::from_fn(|a| if a < D { series_periods[a] } else { 1.0 });
         let mut max_index = [0; 3];
         let mut terms = Vec::with_capacity(series.exponentials().len());
-        // Indices on the grid: h = f times the period along each axis, an integer for every wave of the
-        // lattice.
+        // Indices on the grid: h = f times the period along each axis, an integer for every wave of the lattice.
         for &(k, c) in series.exponentials() {
             if c == [0.0; 2] {
                 continue;
@@ -145,7 +144,7 @@ impl Spectrum {
             }
         }
         // Symmetries that fold the table: mirrors, twofold axes about z and x, exchanges of x, y and of y, z.
-        let has = |samples_for: Mat3| operators.iter().any(|q| (q - samples_for).amax() < 1e-9);
+        let has = |wanted: Mat3| operators.iter().any(|q| (q - wanted).amax() < 1e-9);
         let keeps = |signs: [f64; 3]| has(Mat3::from_diagonal(&signs.into()));
         let even = |h: &[i32; 3], a: usize, b: usize| (h[a] + h[b]) % 2 == 0;
         let symmetry = GridSymmetry {
@@ -156,7 +155,7 @@ impl Spectrum {
             ],
             twofold: keeps([-1.0, -1.0, 1.0]) && keeps([1.0, -1.0, -1.0]),
             // All h of one parity: the translations by half a period along two axes leave the function
-            // unchanged (fcc2, section 2.2).
+            // unchanged, as in `fcc2`.
             face_centred: D == 3 && terms.iter().all(|(h, _)| even(h, 0, 1) && even(h, 1, 2)),
             exchanged: [
                 has(Mat3::new(0., 1., 0., 1., 0., 0., 0., 0., 1.)),
@@ -279,8 +278,7 @@ impl Spectrum {
             .par_chunks_mut(sy * sz)
             .enumerate()
             .for_each(|(i, plane)| {
-                // The padding starts one sample before 0, so that the four coefficients of cell i begin at
-                // index i.
+                // The padding starts one sample before 0, so that the four coefficients of cell i begin at index i.
                 let wrap = |c: usize, n: usize| (c + n - 1) % n;
                 for j in 0..sy {
                     let from = (wrap(i, nx) * ny + wrap(j, ny)) * nz;

@@ -69,8 +69,8 @@ pub(super) fn error_bounds(products: &Products, grid: &Grid) -> (f64, f64) {
             steepest += weight.abs() * TAU * f;
         }
     }
-    // The kink is twice the slope. Over half a sample it changes the value.
-    // Samples between the ball and the face of the box.
+    // The kink is a jump of the slope by twice the steepest; over one sample it changes the value. `margin` are the
+    // samples between the ball and the face of the box, over which it decays.
     let margin = (WINDOW_EDGE - 1.0) / 2.0 * n / WINDOW_EDGE;
     let kink = 2.0 * steepest * libm::pow(KINK_DECAY, margin.floor());
     (value + kink * WINDOW_EDGE / n, slope + kink)

@@ -111,7 +111,7 @@ impl Level {
     }
 }
 
-/// Windows of all sizes. A few of them cover any box, at most one stride too wide on each side.
+/// Windows of all sizes. A few of them cover any box; over a flat box they reach by up to their width.
 pub(super) struct WindowRanges {
     samples: [usize; 3],
     largest: f32,
@@ -171,6 +171,8 @@ impl WindowRanges {
             let span = from[a] + count[a] - (first << stride);
             (first, (span + l.width - 1) >> by)
         };
+        // The widest windows that no axis of the box exceeds need the fewest look-ups without reaching far over it; a
+        // flat box may need wider ones to stay within `MAX_LOOK_UPS`. An axis of one sample (planar) has no extent.
         let varies = (0..3).filter(|&a| self.samples[a] > 1);
         let least = varies.map(|a| count[a]).min().unwrap_or(1);
         let fits = |l: &Level| l.width <= least.max(self.levels[0].width);
@@ -188,12 +190,14 @@ impl WindowRanges {
             let stride = level.stride[a].trailing_zeros();
             let unshifted = (first << stride) + w * level.width;
             let end = from[a] + count[a];
-            let at = if w + 1 == n && w > 0 && count[a] < self.samples[a] {
+            let place = if w + 1 == n && w > 0 && count[a] < self.samples[a] {
+                // Rounded up to a multiple of the stride, a power of two.
                 let up = level.stride[a] - 1;
                 unshifted.min((end.saturating_sub(level.width) + up) & !up)
             } else {
                 unshifted
-            } >> stride;
+            };
+            let at = place >> stride;
             // The start is at most one period beyond the first window.
             if at < level.count[a] {
                 at
@@ -219,8 +223,7 @@ impl WindowRanges {
 /// Two along each axis, so that a window has the range of up to eight cells.
 fn base(coefficients: &[f32], grid: &Grid, largest: f32) -> (Units, Level) {
     use rayon::prelude::*;
-    // Windows of two cells per axis, side by side. A task has one plane of windows, hence two planes of
-    // cells.
+    // Windows of two cells per axis, side by side. A task has one plane of windows, hence two planes of cells.
     let count = grid.samples.map(|n| n.div_ceil(2));
     let plane_size = count[1] * count[2];
     let mut ranges = vec![Range::JOIN_IDENTITY; count[0] * plane_size];
@@ -253,7 +256,7 @@ fn base(coefficients: &[f32], grid: &Grid, largest: f32) -> (Units, Level) {
     (units, level)
 }
 
-/// Windows of twice the width. The stride of an axis doubles once windows overlap by three quarters.
+/// Windows of twice the width. The stride of an axis doubles where windows overlap by three quarters and are even.
 /// `None` once a window covers the longest axis.
 fn wider(last: &Level, samples: [usize; 3]) -> Option<Level> {
     let width = 2 * last.width;
@@ -261,8 +264,8 @@ fn wider(last: &Level, samples: [usize; 3]) -> Option<Level> {
     if samples.into_iter().all(|n| last.width >= n) {
         return None;
     }
-    // Wide windows need few starts: once four of them overlap everywhere and their number is even, every second
-    // start is dropped.
+    // Wide windows need few starts: once four of them overlap everywhere, every second start is dropped; an odd number
+    // of them would not close the period.
     let step = [0, 1, 2].map(|a| {
         let coarser = last.width >= 4 * last.stride[a] && last.count[a].is_multiple_of(2);
         if coarser { 2 } else { 1 }

@@ -126,7 +126,7 @@ impl<'a> LevelSearch<'a> {
         if self.measured.is_empty() {
             let [start, end] = self.ends;
             let evenly = (1..SCANNED_LEVELS).map(|n| n as f64 / SCANNED_LEVELS as f64);
-            // Shortly before the solid is full its thickness rises fast.
+            // Shortly before the solid is full its thickness rises fast: halvings from 1/64, below the even step.
             let towards_end = (6..FULL_HALVINGS).map(|n| 1.0 - 0.5f64.powi(n));
             for share in evenly.chain(towards_end) {
                 self.measure(start + (end - start) * share);
@@ -145,6 +145,7 @@ impl<'a> LevelSearch<'a> {
         let range = (self.ends[1] - self.ends[0]).abs();
         for side in [0, 1] {
             let n = nearest(&self.measured);
+            // n - 1 or n + 1.
             let beside = n.checked_sub(1 - side).map(|m| m + side);
             let Some(&beside) = beside.and_then(|m| self.measured.get(m)) else {
                 continue;

@@ -305,8 +305,7 @@ impl Products {
         let (remainder, half_z) = (l.splat(remainder_bound), l.load(&half[2]));
         let mut sides = [[[0; 8]; 8]; 2];
         for i in 0..8 {
-            // For each function along z: its factor along y, and the derivatives of that factor along x and
-            // y.
+            // For each function along z: its factor along y, and the derivatives of that factor along x and y.
             let mut factors = [[[0.0; 8]; 3]; N];
             for (to, of) in factors.iter_mut().zip(&self.along_z) {
                 let mut sums = [zero; 3];

@@ -69,8 +69,7 @@ impl Spline {
         let (mut part, mut signs) = ([one; 3], [one; 3]);
         for a in 0..3 {
             let axis = &self.axes[a];
-            // v = x / fold period, in double precision: far from the origin single precision would lose the
-            // fraction.
+            // v = x / fold period, in double precision: far from the origin single precision would lose the fraction.
             let mut v = two.mul_eight(coordinates[a], two.splat_eight(axis.rate));
             // Each fold period along x and y of a centred lattice shifts z by half a period.
             if a == 2 {

@@ -113,8 +113,7 @@ impl Spline {
         let patches = self.patches(lanes, stencils, n);
         let weights = &stencils.weights;
         let first = weights.x(lanes, 0, n);
-        // Over the four planes along x: sum_i w_x,i c_ijk, for the neighbours 0, 1 along y in `low` and 2, 3
-        // in `high`.
+        // Over the four planes along x: sum_i w_x,i c_ijk, for the neighbours 0, 1 along y in `low` and 2, 3 in `high`.
         let mut low = lanes.mul(patches[0][0], first);
         let mut high = lanes.mul(patches[0][1], first);
         for i in 1..4 {
@@ -197,8 +196,7 @@ impl Spline {
                 [sum_xy[i], dx[i], dy[i]] = self.sums_xy(lanes, group, n + i);
             }
         }
-        // Along z: the weights w_z for the value and the derivatives along x and y, w_z' for the derivative
-        // along z.
+        // Along z: the weights w_z for the value and the derivatives along x and y, w_z' for the derivative along z.
         let sum_xy = add_partial_sums(lanes, sum_xy);
         let weights = &group.stencils.weights;
         [
@@ -311,8 +309,7 @@ impl Spline {
                     slopes[a] = lanes.join_halves(low[a + 1], high[a + 1]);
                     exchanges[a] = lanes.load(&group.exchanges[a]);
                 }
-                // Derivatives of the folded point back to the point: first the exchanges, then reversals and
-                // scale.
+                // Derivatives of the folded point back to the point: first the exchanges, then reversals and scale.
                 self.unsort_axes(lanes, &exchanges, &mut slopes);
                 for a in 0..3 {
                     slopes[a] = lanes.mul(slopes[a], lanes.load(&group.scales[a]));
