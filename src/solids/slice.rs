@@ -87,7 +87,8 @@ impl Plan {
     /// A plan for the given box, world units, with one pixel of margin.
     ///
     /// # Errors
-    /// [`PlanError`]: a length that is not positive and finite, or too many pixels or layers.
+    /// [`PlanError`]: a length that is not positive and finite, more than 32,768 pixels along an axis, or more than a
+    /// million layers.
     pub fn new(bounds: Aabb, axis: usize, height: f64, pixel: f64) -> Result<Self, PlanError> {
         for (what, value) in [
             ("the height of a layer", height),
@@ -214,8 +215,7 @@ impl Layer {
         f64::from(self.values[i * self.counts[1] + j])
     }
 
-    /// The share of each pixel inside the solid, 0 to 255. Rows go from the largest v down, with u along a
-    /// row.
+    /// The share of each pixel inside the solid, 0 to 255. Rows go from the largest v down, with u along a row.
     pub fn coverage(&self) -> Vec<u8> {
         let [nu, nv] = self.counts;
         let mut shares = Vec::with_capacity(nu * nv);
@@ -300,8 +300,7 @@ impl Layer {
             ([a, b], [_, _]) => {
                 let joined = values.iter().sum::<f64>() < 0.0;
                 let pair = |k: usize| {
-                    // Connected: around the outside corner that follows; separate: around the inside corner
-                    // before.
+                    // Connected: around the outside corner that follows; separate: around the inside corner before.
                     let to = if joined { (k + 1) % 4 } else { (k + 3) % 4 };
                     (edges[k], edges[to])
                 };

@@ -46,6 +46,7 @@ impl VoidGraph {
         let grid = Grid::new(&blocks);
         let near = grid.cells.iter().filter(|c| c.is_near).count();
         let progress = task.progress;
+        // A step for each block that `needs` reads, and for each near cell.
         progress.stage("cavities", Some((blocks.len() + near) as u64));
         let needs = open_void::needs(source, &grid, measure, task)?;
         let mut graph = Self {
@@ -63,6 +64,7 @@ impl VoidGraph {
         progress.advance((near - cells.iter().filter(|c| measured(c)).count()) as u64);
         let mut rest = &cells[..];
         while !rest.is_empty() {
+            // Up to the measured cell that fills the batch; the cells between cost little.
             let mut near = (1..).zip(rest).filter(|(_, cell)| measured(cell));
             let count = near.nth(CELLS_PER_BATCH - 1).map_or(rest.len(), |n| n.0);
             let batch = rest.split_off(..count).expect("some of the rest");

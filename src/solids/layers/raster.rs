@@ -189,8 +189,7 @@ impl Raster {
     }
 }
 
-/// Components of the pixels that are set, or of the others, connected over edges, in order of their first
-/// pixels.
+/// Components of the pixels that are set, or of the others, connected over edges, in order of their first pixels.
 pub(super) struct Components {
     /// First column and end of each run, and its component.
     runs: Vec<([u32; 2], u32)>,
