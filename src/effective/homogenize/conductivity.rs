@@ -52,7 +52,6 @@ impl<'a> Conduction<'a> {
         check_shares(grid, shares)?;
         // A solid that does not conduct leaves no finite medium; a void may conduct nothing.
         for (found, least) in [(solid, f64::MIN_POSITIVE), (void, 0.0)] {
-            // The message is the same for both; a void of 0 does not get it.
             if !(found.is_finite() && found >= least) {
                 return Err(HomogenizeError::Material {
                     what: "conductivity",

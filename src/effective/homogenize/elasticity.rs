@@ -46,8 +46,7 @@ pub struct Stiffness {
 }
 
 impl<'a> Elasticity<'a> {
-    /// A medium of two materials; `shares` are those of `solid` in each voxel, and moduli are mixed
-    /// arithmetically.
+    /// A medium of two materials; `shares` are those of `solid` in each voxel, and moduli are mixed arithmetically.
     ///
     /// # Errors
     /// [`HomogenizeError::Grid`] for another number of shares, shares beyond 0 to 1, or a grid that the

@@ -71,8 +71,7 @@ impl Basis {
             let orbit = series.group().orbit(t.k);
             let pad = |k: &[i32; D]| std::array::from_fn(|a| if a < D { k[a] } else { 0 });
             let is_self_paired = orbit.is_self_paired();
-            // One real parameter for an orbit that holds k and -k, otherwise the real and the imaginary part
-            // of C.
+            // One real parameter for an orbit that holds k and -k, otherwise the real and the imaginary part of C.
             parameters.push((t.k.to_vec(), "re", t.c[0]));
             if !is_self_paired {
                 parameters.push((t.k.to_vec(), "im", t.c[1]));
@@ -154,8 +153,7 @@ pub fn by_coefficients(
         _ => return Err(HomogenizeError::NoCoefficients),
     };
     let [nx, ny, nz] = samples.grid().counts();
-    // One task per layer across x. The layers are added in order, so that the sums do not depend on the
-    // threads.
+    // One task per layer across x. The layers are added in order, so that the sums do not depend on the threads.
     let layers: Vec<(Vec<[f64; OUTPUT_COUNT]>, [f64; OUTPUT_COUNT])> = (0..nx)
         .into_par_iter()
         .map(|i| layer(period, samples, sensitivities, &basis, [i, ny, nz]))
@@ -200,8 +198,7 @@ fn derivatives(
     found: &[f64; OUTPUT_COUNT],
     scale: f64,
 ) -> Derivatives {
-    // The outputs are the upper triangle of the stiffness in the order of `PAIRS`, six conductivities, the
-    // volume.
+    // The outputs are the upper triangle of the stiffness in the order of `PAIRS`, six conductivities, the volume.
     let mut stiffness = [[0.0; 6]; 6];
     for (n, (i, j)) in PAIRS.into_iter().enumerate() {
         stiffness[i][j] = found[n] * scale;
@@ -259,8 +256,7 @@ fn layer(
                 continue;
             }
             add(&mut by_level, share.by_level / parts, &sensitivity);
-            // d share / d samples: by the value at the part, and by the slope, a central difference of its
-            // neighbours.
+            // d share / d samples: by the value at the part, and by the slope, a central difference of its neighbours.
             let mut give = |at, factor: f64| {
                 let sum = weights.entry(at).or_insert([0.0; OUTPUT_COUNT]);
                 add(sum, factor / parts, &sensitivity);

@@ -52,8 +52,7 @@ impl Packing {
                         }
                     }
                     Self::Kuhn => {
-                        // A tet per path along three edges of the cube, all around the diagonal from corner
-                        // to corner.
+                        // A tet per path along three edges of the cube, all around the diagonal from corner to corner.
                         let first = Vec3::repeat(-0.5);
                         let steps = [e(a), e(b), e(c)];
                         let second = first + steps[0];

@@ -22,7 +22,7 @@ use druse_tilings::beams::{Beam, Beams, Plate};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// Largest offset of beams beyond their radius, reference lengths.
+/// Growth of beams beyond their radius, in periods, up to which the images in neighbours are complete; not checked.
 const GROWTH: f64 = 0.5;
 
 /// The map from the reference element into the period.
@@ -321,8 +321,7 @@ impl Period {
             .par_chunks_mut(n * n)
             .enumerate()
             .for_each(|(i, layer)| {
-                // The representative of a sample: each index reflected into the lower half, then in
-                // descending order.
+                // The representative of a sample: each index reflected into the lower half, then in descending order.
                 for (m, v) in layer.iter_mut().enumerate() {
                     let mut at = [i, m / n, m % n].map(|c| c.min(n - 1 - c));
                     at.sort_unstable_by(|a, b| b.cmp(a));

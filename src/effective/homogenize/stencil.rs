@@ -253,8 +253,7 @@ impl Stencil {
         total
     }
 
-    /// The frequencies of the scheme: the symbols of the derivatives along the axes at an index, up to a common
-    /// phase.
+    /// The frequencies of the scheme: the symbols of the derivatives along the axes at an index, up to a common phase.
     pub fn frequencies(&self) -> Frequencies {
         Frequencies::rotated(self.grid)
     }

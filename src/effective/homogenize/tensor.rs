@@ -63,8 +63,7 @@ pub struct EngineeringConstants {
     pub shear_voigt: f64,
     /// The same under uniform stress.
     pub shear_reuss: f64,
-    /// Zener's ratio 2 C44 / (C11 - C12) with means over the axes: 1 if isotropic. It describes cubic
-    /// symmetry only.
+    /// Zener's ratio 2 C44 / (C11 - C12) with means over the axes: 1 if isotropic. It describes cubic symmetry only.
     pub zener: f64,
     /// Universal anisotropy (Ranganathan and Ostoja-Starzewski 2008): 0 if isotropic.
     pub anisotropy: f64,

@@ -141,6 +141,7 @@ impl Objective {
             *goal *= error.clamp(1.0 / MAX_CORRECTION, MAX_CORRECTION);
         }
         if let Some(goal) = &mut moved.poisson {
+            // Within the ratios of stable solids, -1 to 0.5.
             *goal = (*goal + poisson(wide) - poisson(sharp)).clamp(-0.99, 0.49);
         }
         if let Some((goal, _)) = &mut moved.stiffness {
@@ -159,7 +160,7 @@ impl Objective {
         Self::new(moved, self.bounds)
     }
 
-    /// The value and its derivatives; `None` for a stiffness that is singular.
+    /// The value and its derivatives; `None` for a stiffness that is singular, or a property that is not positive.
     pub fn cost(&self, found: &Effective) -> Option<Cost> {
         let c = &found.stiffness;
         let mut cost = Cost::default();
@@ -168,6 +169,7 @@ impl Objective {
             cost.value -= weight * (value / bound).ln();
             add(&mut cost.by_stiffness, -weight / value, &by);
         };
+        // E = 9 K G / (3 K + G).
         let young = || {
             let ((k, by_k), (g, by_g)) = (bulk(c), shear(c)?);
             let sum = 3.0 * k + g;

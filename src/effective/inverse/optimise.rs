@@ -49,7 +49,8 @@ struct Bridge<'a> {
 }
 
 impl Bridge<'_> {
-    /// Evaluates once for cost and gradient.
+    /// Gives `part` the evaluation at a point, once for cost and gradient; `None` where there is none or it does not
+    /// converge. An error once all evaluations are used, or on one of another kind.
     fn visit<T>(
         &self,
         unknowns: &[f64],

@@ -86,7 +86,7 @@ impl Problem<'_> {
     fn shares(&self, field: &[f64], level: f64, direction: &[f64], erosion: f64) -> Vec<Share> {
         let width = self.interface.width;
         let one = |(phi, weight): (&f64, &f64)| {
-            // The level multiplies a function that is 1 but where the faces are given.
+            // In a matched space the level multiplies a function that vanishes on the faces, in a free one 1.
             let (level, phi) = if self.space.is_matched() {
                 (-erosion, phi - level * weight)
             } else {
@@ -107,7 +107,8 @@ impl Problem<'_> {
         sum / self.sampled.grid().voxels() as f64
     }
 
-    /// The level that gives the volume fraction: Newton's steps within a bisection.
+    /// The level that gives the volume fraction: Newton's steps within a bisection. `None` where none within reach does.
+    /// In a matched space, of cells with a given trace on the faces, it multiplies the function `direction`.
     fn level(&self, field: &[f64], direction: &[f64]) -> Option<f64> {
         let reach = field.iter().fold(0.0, |m: f64, v| m.max(v.abs())) + self.interface.width;
         let excess = |level: f64| {
@@ -128,6 +129,7 @@ impl Problem<'_> {
             }
             if is_full { (-step, 0.0) } else { (0.0, step) }
         } else if self.solid.is_symmetric() {
+            // Half the thickness of a sheet; a network's level is anywhere among the values.
             (0.0, reach)
         } else {
             (-reach, reach)
@@ -254,6 +256,7 @@ impl Problem<'_> {
         let shares = self.shares(&shape.field, shape.level, &direction, 0.0);
         let rate = self.volume(&shares, |s| s.by_level);
         let voxels = self.sampled.grid().voxels() as f64;
+        // F_phi - F_level / V_level V_phi.
         for (n, s) in shares.iter().enumerate() {
             by_field[n] -= by_level / rate * self.sampled.counts()[n] * s.by_field / voxels;
         }
@@ -265,6 +268,7 @@ impl Problem<'_> {
                 *b += own;
             }
         }
+        // phi is the series over its mean slope m: dF/dc = (F_phi . basis - (F_phi . phi) dm/dc) / m.
         for (b, s) in by_coefficients.iter_mut().zip(&shape.by_coefficients) {
             *b = (*b - along * s) / shape.slope;
         }

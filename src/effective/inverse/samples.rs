@@ -120,6 +120,7 @@ impl SampledBasis {
         for p in &points {
             values_at(basis, *p, &mut values);
         }
+        // Mean squares of the slopes over a period, for coefficients of 1: (2 pi f)^2 / volume.
         let volume = basis.lattice().volume();
         let slopes = basis
             .frequencies()

@@ -122,7 +122,7 @@ pub fn of_cell(
         Solid::Above | Solid::Channels => -1.0,
         Solid::Below | Solid::Sheet => 1.0,
     };
-    // All voxels, since the cell may have fewer symmetries than the basis.
+    // One voxel of each orbit, or, for a cell that may have fewer symmetries than the basis, the mean over its orbit.
     let grid = sampled.grid();
     let n = grid.counts()[0];
     let values: Vec<f64> = if cell.fits_any_numbering() {
@@ -213,6 +213,7 @@ pub fn of_design(
         }
         all.push(start);
     }
+    // At least a third of the starts are random, but the first is a surface where one fits.
     let random_count = count.saturating_sub(all.len()).max(count.div_ceil(3));
     all.truncate(count.saturating_sub(random_count).max(1));
     let rest = count.saturating_sub(all.len());

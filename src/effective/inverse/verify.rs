@@ -167,7 +167,7 @@ fn sharp(
     Ok((samples.grid(), shares, field))
 }
 
-/// Share of the solid, and of the void, that an opening by a ball of this diameter removes: what is narrower.
+/// Shares of solid and void that are narrower than a diameter (reference lengths): what an opening by its ball removes.
 ///
 /// # Errors
 /// As [`check_connected`].
@@ -184,6 +184,7 @@ pub fn narrow_shares(
     Ok([&solid, &void].map(|phase| narrow_share(phase, n, radius)))
 }
 
+/// The share of a phase that an opening by a ball of `radius` voxels removes; 0 of an empty one.
 fn narrow_share(phase: &[bool], n: usize, radius: f64) -> f64 {
     let reach = radius.floor() as i64;
     let mut ball = Vec::new();
