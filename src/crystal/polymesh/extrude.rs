@@ -85,7 +85,8 @@ impl Extrusion {
     /// Extrudes the `chosen` faces (one flag per face).
     ///
     /// # Errors
-    /// [`ExtrudeError`]: parameters out of range, no face, a face that has no such extrusion.
+    /// [`ExtrudeError`]: parameters out of range, no face, a face that has no such extrusion, too large a result, or one
+    /// that is no manifold.
     ///
     /// # Panics
     /// When the length of `chosen` is not the number of faces.
@@ -274,8 +275,7 @@ impl Extrusion {
         };
         diagnostics.has_zero_tier |= tiers.contains(&0.0);
         diagnostics.may_fold |=
-            // Below 90 degrees the sides lean inward, and the upper tiers of this kind may pass through each
-            // other.
+            // Below 90 degrees the sides lean inward, and the upper tiers of this kind may pass through each other.
             self.kind == Kind::Icosahedral && delta < std::f64::consts::FRAC_PI_2;
         let mut tier_points = tier::place_tiers(base, row.tiers, delta, tiers)?;
         let n = base.len();

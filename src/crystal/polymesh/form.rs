@@ -217,7 +217,8 @@ pub struct Form {
 impl Form {
     /// A crystal without planes, of a lattice system (a name of [`SYSTEMS`]) with lengths and angles (degrees) by name,
     /// and a point group by Hermann-Mauguin symbol; without one, the holohedry. Lengths that are left out are 1, or
-    /// those that the system ties to a given one; angles are 90 degrees, or 120 for gamma of hexagonal axes.
+    /// what the system ties to a given one (c of tetragonal and hexagonal axes to a); angles are 90 degrees, or 120 for
+    /// gamma of hexagonal axes.
     ///
     /// # Errors
     /// [`FormError`] names the argument that does not fit.

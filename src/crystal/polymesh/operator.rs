@@ -414,8 +414,8 @@ fn snub(p: f64, delta: f64) -> Result<(f64, f64), String> {
         let edge = (b - a).norm_squared();
         [(a - e).norm_squared() - edge, (a - d).norm_squared() - edge]
     };
-    // Newton's method with a numerical Jacobian from s = 1/2, theta = 1/4; the solutions for regular solids are
-    // near it.
+    // Newton's method with a numerical Jacobian (its step near the root of the rounding error) from s = 1/2,
+    // theta = 1/4; the solutions for regular solids are near it.
     let (mut s, mut theta) = (0.5, 0.25);
     for _ in 0..60 {
         let f = residual(s, theta);

@@ -60,7 +60,7 @@ pub const VERBS: &[(&str, &str)] = &[
 
 /// Face count above which each step reports progress.
 const PROGRESS_MIN_FACES: usize = 10_000;
-/// Maximum number of steps of a script, loops unrolled.
+/// Maximum number of steps that one interpreter runs, loops unrolled.
 const MAX_STEPS: usize = 100_000;
 
 /// An error in a script, and its place.
@@ -87,7 +87,7 @@ impl std::error::Error for ScriptError {}
 
 /// File access of the steps `load` and `save`.
 pub trait Files: Sync {
-    /// Reads a mesh; options are those of the step (`group_by`, `weld`, `flip`).
+    /// Reads a mesh with the options of the step.
     ///
     /// # Errors
     /// What was found and expected.
@@ -165,7 +165,7 @@ pub struct Interpreter<'a> {
     parameters: BTreeMap<String, f64>,
     overrides: BTreeMap<String, f64>,
     notes: Vec<Note>,
-    steps: usize,
+    step_count: usize,
     progress: &'a dyn Progress,
 }
 
@@ -183,7 +183,7 @@ impl<'a> Interpreter<'a> {
             parameters: BTreeMap::new(),
             overrides: BTreeMap::new(),
             notes: Vec::new(),
-            steps: 0,
+            step_count: 0,
             progress: &Silent,
         }
     }
@@ -291,7 +291,7 @@ impl Script {
         parse::script(text)
     }
 
-    /// Names of its parameters.
+    /// Names of the parameters outside loops, which are those that can be overridden.
     pub fn parameters(&self) -> Vec<&str> {
         self.items
             .iter()
@@ -306,7 +306,8 @@ impl Script {
     /// `interpreter`; its parameters and notes change too.
     ///
     /// # Errors
-    /// [`ScriptError`] at the step that cannot be done; the model stays as it was before it.
+    /// [`ScriptError`] at the step that cannot be done or was cancelled; the model stays as the steps before it made it.
+    /// At line 1 for an override of a parameter that the script does not have.
     pub fn run(
         &self,
         interpreter: &mut Interpreter,
@@ -384,9 +385,9 @@ fn items(list: &[Item], interpreter: &mut Interpreter, until: usize) -> Result<b
                 if statement.line > until {
                     return Ok(false);
                 }
-                interpreter.steps += 1;
+                interpreter.step_count += 1;
                 // Endless or very long scripts end with an error.
-                if interpreter.steps > MAX_STEPS {
+                if interpreter.step_count > MAX_STEPS {
                     return Err(statement.fault(0, format!("more than {MAX_STEPS} steps")));
                 }
                 growth::require_bounded(&list[n..], 1, interpreter, until, growth::MIN_CORNERS)?;

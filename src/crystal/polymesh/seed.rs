@@ -385,7 +385,7 @@ pub fn grid(counts: [usize; 3], edge: f64) -> Result<PolyMesh, SeedError> {
 /// A torus of quads about the z axis: `counts[0]` along the great circle, `counts[1]` along the small.
 ///
 /// # Errors
-/// Radii that are not positive or do not leave a hole, fewer than 3 quads either way.
+/// Radii that are not positive or do not leave a hole, fewer than 3 quads either way, more than 2^24 in all.
 pub fn torus(major: f64, minor: f64, counts: [usize; 2]) -> Result<PolyMesh, SeedError> {
     let major = positive("major", major)?;
     let minor = positive("minor", minor)?;

@@ -78,7 +78,8 @@ impl Scene<'_> {
             };
             return Some(Value::Number(number));
         };
-        // `near` and `ray` have the same answer for every face: the cache keeps it.
+        // `near` and `ray` have the same answer for every face: the cache keeps it, by the length of the name and the bits
+        // of the arguments.
         let face = match (name, arguments) {
             ("near", [_, _, _]) | ("ray", [_, _, _, _, _, _]) => {
                 let key = (name.len(), arguments.iter().map(|a| a.to_bits()).collect());

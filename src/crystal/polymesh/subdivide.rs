@@ -73,8 +73,7 @@ impl PolyMesh {
             groups.push(self.groups()[f]);
         }
         let first = faces.len();
-        // A quad from each corner over both middles to the centre, or a triangle from each edge to the
-        // centre.
+        // A quad from each corner over both middles to the centre, or a triangle from each edge to the centre.
         for f in selected() {
             let centre = vertices.len() as u32;
             vertices.push(self.centre(f));

@@ -153,7 +153,6 @@ impl<'a> Finder<'a> {
         let mut image = vec![u32::MAX; ring.next.len()];
         // Pairs of corners still to compare: from each pair those after it in the face and across its edge follow.
         let mut open = vec![(from, to)];
-        // Under a reflection the edge of a corner runs to the corner before it.
         while let Some((c, d)) = open.pop() {
             if image[c] != u32::MAX {
                 if image[c] as usize != d {

@@ -123,8 +123,7 @@ impl TierBuilder<'_> {
                 starts = (0..n).map(|i| (low[i] + low[after(i)]) / 2.0).collect();
                 (0..n).map(|i| base.slope(i, delta)).collect()
             }
-            // The pentagon above corner i has the plane through ridge vertex i and the roof vertices on both
-            // sides.
+            // The pentagon above corner i has the plane through ridge vertex i and the roof vertices on both sides.
             TierRule::Crest => {
                 let (low, high) = (self.placed_tier(0), self.placed_tier(1));
                 starts = high.to_vec();
@@ -198,8 +197,7 @@ impl TierBuilder<'_> {
                 starts = self.placed_tier(0).to_vec();
                 self.fold_directions(2)
             }
-            // The two points of each corner meet: one vertex from their mean along the mean of their
-            // directions.
+            // The two points of each corner meet: one vertex from their mean along the mean of their directions.
             TierRule::Close => {
                 let low = self.placed_tier(1);
                 let folds = self.fold_directions(3);

@@ -1,8 +1,9 @@
 //! Triangulation of the faces, for export and for level sets.
 //!
-//! Triangular faces stay. Planar convex faces become fans from their start vertex. Non-planar faces all of whose edges
-//! are visible from their centre become fans about it. Other faces are triangulated by ear clipping in their mean plane
-//! or, where that fails or there is no normal, as a fan. Triangles without area are kept: closed surfaces stay closed.
+//! Triangular faces stay. Planar convex faces, and those without a normal, become fans from their start vertex.
+//! Non-planar faces all of whose edges are visible from their centre become fans about it. Other faces are triangulated
+//! by ear clipping in their mean plane; where that fails, as a fan about a centre that sees all edges, else from the
+//! start vertex. Triangles without area are kept: closed surfaces stay closed.
 
 use super::PolyMesh;
 use super::polygon::{doubled_area_vector, mean, unit};
@@ -108,8 +109,7 @@ fn cut(points: &[Vec3]) -> Cut {
             (b - a).cross(&(c - a)).dot(&normal)
         })
         .sum();
-    // Ear clipping fails for self-intersecting polygons and drops straight corners; a fan keeps the surface
-    // closed.
+    // Ear clipping fails for self-intersecting polygons and drops straight corners; a fan keeps the surface closed.
     let all = list.len() == n - 2
         && (covered.abs() - area_vector.norm()).abs() <= 1e-9 * area_vector.norm();
     if !all {

@@ -30,8 +30,7 @@ pub(super) fn dome(old: &Old, p: &[f64]) -> RuleResult {
     let mut sides = Vec::new();
     for f in 0..old.faces() {
         let (normal, length) = (old.mesh.normal(f), old.length(f));
-        // The loop of the face with three points on each edge. The second face of an edge runs through them
-        // backwards.
+        // The loop of the face with three points on each edge. The second face of an edge runs through them backwards.
         let mut below: Vec<u32> = old
             .span(f)
             .flat_map(|c| {

@@ -76,8 +76,7 @@ impl Reader<'_> {
     fn items(&mut self, depth: usize, opened: Option<Position>) -> Result<Vec<Item>, ScriptError> {
         let mut items = Vec::new();
         loop {
-            // A "}" ends the block that was opened, and is an error outside blocks; the end of the text is
-            // the reverse.
+            // A "}" ends the block that was opened, and is an error outside blocks; the end of the text is the reverse.
             match self.peek() {
                 None => {
                     return match opened {

@@ -112,8 +112,7 @@ pub(super) fn start_vertex(a: &mut Arguments, interpreter: &Interpreter) -> Step
     let mut shift = vec![0; mesh.face_count()];
     for f in (0..chosen.len()).filter(|&f| chosen[f]) {
         let face = mesh.face(f);
-        // Places are counted in the list of the face: nearest to the target, the given vertex, or the lowest
-        // number.
+        // Places are counted in the list of the face: nearest to the target, the given vertex, or the lowest number.
         let point = |k: usize| mesh.vertices()[face[k] as usize];
         let places = 0..face.len();
         let start = if let Some(target) = toward {
