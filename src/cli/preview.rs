@@ -170,7 +170,7 @@ pub(super) fn png(
 }
 
 /// The solid of a file, as a level set: read, or made on about `PREVIEW_RESOLUTION` voxels along the longest side, of
-/// a cell on fewer. Notes of readers are shown.
+/// a cell on fewer. Notes on level sets and meshes are shown.
 fn solid_of(path: &Path, session: &Session, tools: vdb::Session) -> Result<LevelSet, Failure> {
     use FileKind::{Mesh, Scaffold, Vdb};
     Ok(

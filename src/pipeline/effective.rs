@@ -98,7 +98,7 @@ impl<'a> EffectiveElements<'a> {
             let index = *known.entry((cell, e.shape())).or_insert_with(|| {
                 let name = &tiling.palette[cell].name;
                 let cell_section = &recipe.sections().cell[name];
-                // A thickness of the cell itself in units of length.
+                // The cell's own thickness where it has a unit of length; a bare one is in its law.
                 let thickness = cell_section
                     .physical_thickness()
                     .filter(|_| is_round && section.is_none_or(|t| t.thickness.is_none()))
@@ -124,7 +124,7 @@ impl<'a> EffectiveElements<'a> {
             let scale = size_of(&e);
             let value = graded.as_ref().map(|g| g[e.index()]).or(fixed[index]);
             let value = value.unwrap_or(0.0);
-            // Laws are in reference lengths: t / size of the element.
+            // Laws are in reference lengths, t / size of the element; without a quantity the parameter is unused.
             let parameter = match found.cells[index].quantity {
                 Some(GradedQuantity::Thickness) => value / scale,
                 _ => value,

@@ -118,8 +118,8 @@ pub fn finished_frame(recipe: &Recipe, report: &Path) -> Option<Value> {
     (is_own && all("inputs") && all("outputs")).then_some(report)
 }
 
-/// Writes the USD scenes of a sequence: for every output with `usda` one file with a time sample per frame, beside the
-/// volumes and named as they are without the token. `reports` holds each frame and its report.
+/// Writes the USD scenes of a sequence: for every output with `usda` and a token one file, a time sample per frame,
+/// beside the volumes and named as they are without the token. `reports` holds each frame and its report.
 ///
 /// # Errors
 /// [`RunError::Write`].

@@ -71,7 +71,7 @@ pub fn run(
     run_keeping_solid(recipe, options, progress).map(|r| r.0)
 }
 
-/// As [`run`]; also returns the level set, unless the run goes through bricks.
+/// As [`run`]; also returns the level set, unless the run goes through bricks or samples nothing.
 ///
 /// # Errors
 /// As [`run`].

@@ -49,7 +49,7 @@ pub(super) fn foresee(p: &Parameters) -> Result<Value, Failure> {
             }
         }
     };
-    // More are simplified to about the limit; those of a scaffold are what the page shows, also where they pass it.
+    // More are simplified to about the limit, except outer faces of a scaffold, which are all shown.
     let triangles = found.min(p.triangles);
     Ok(json!({
         "kind": kind, "path": p.file.display().to_string(), "source_triangles": found, "triangles": triangles,

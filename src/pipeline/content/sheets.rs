@@ -75,7 +75,7 @@ impl SheetThickness {
             used().fold(f64::INFINITY, f64::min),
             used().fold(0.0, f64::max),
         ];
-        // Points that no element uses must not widen the range.
+        // Values at points that do not count must not widen the range.
         let values = values.into_iter().map(|v| v.clamp(range[0], range[1]));
         Self {
             points,

@@ -166,7 +166,7 @@ impl CellTiling {
         } else {
             Vec::new()
         };
-        // Points beside the scaffold and nodes within edges have values that no element uses.
+        // No element uses values at nodes within edges; those at control points beside the scaffold are arbitrary.
         let counts = match interpolation {
             Interpolation::Smooth => points
                 .par_iter()

@@ -81,7 +81,7 @@ impl Law {
             let HomogenizeError::Band { needed, .. } = &e else {
                 return period_fault(&key, e);
             };
-            let resolution = needed.next_multiple_of(2);
+            let resolution = needed.next_multiple_of(2); // resolutions are even
             RunError::Cell {
                 key: key.clone(),
                 fault: CellFault::Rule(format!(

@@ -32,8 +32,8 @@ const ROUNDING_TOLERANCE: f64 = 1e-6;
 const POINTS_PER_TASK: usize = 1 << 14;
 
 impl<T: Copy + Send + Sync> Bins<T> {
-    /// Sorts points, fewer than 2^32, into cubes of the given edge, or of larger ones where those are
-    /// too many.
+    /// Sorts points, fewer than 2^32, into cubes of the given edge, or of larger ones where those are too many. An edge
+    /// that is not a positive number leaves no points.
     pub fn new(mut sites: Vec<Site<T>>, edge: f64) -> Self {
         let boxes = sites.par_chunks(POINTS_PER_TASK);
         let boxes: Vec<Aabb> = boxes

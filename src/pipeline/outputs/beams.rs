@@ -20,7 +20,7 @@ const MAX_BEND: f64 = 1e-6;
 /// section.
 ///
 /// # Errors
-/// No scaffold, and plates; without round beams also elements of several shapes, and curved elements.
+/// No scaffold, and plates; without round beams also elements of several shapes, curved ones, and a faulty graph.
 pub(crate) fn beams(inputs: &Inputs) -> Result<BeamLattice, RunError> {
     let fault = |message: String| RunError::Tiling(format!("beams: {message}"));
     let sections = inputs.recipe.sections();

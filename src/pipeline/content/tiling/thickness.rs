@@ -37,8 +37,8 @@ impl CellTiling {
         )))
     }
 
-    /// The thickness of sheets at the points: that of `[tiling]`, or the cells' own. Thicknesses without
-    /// a unit are multiples of the local size of the elements.
+    /// The thickness of sheets at the points, world units: that of `[tiling]`, or else the mean of the cells' own,
+    /// whose bare numbers are multiples of the local size of the elements.
     pub(super) fn sheet_thickness<'s>(
         &self,
         files: &mut InputFiles,
@@ -51,8 +51,7 @@ impl CellTiling {
             self.values(files, &spatial("tiling.thickness"), varying)?
         } else {
             let shape = self.palette[0].cells[0].element();
-            // Without a thickness of the tiling each place has the mean of its cells' own, t = sum w_c
-            // t_c / sum w_c. A bare t_c is in multiples of the local edge.
+            // The mean is t = sum w_c t_c / sum w_c. Without one of the tiling each cell has its own.
             let mut values = self.at_points(node_scales(&self.loaded.scaffold, shape));
             let count = self.palette.len();
             for (at, value) in values.iter_mut().enumerate() {
@@ -70,7 +69,7 @@ impl CellTiling {
             }
             values
         };
-        // Points that no element uses may have any value.
+        // Values at points that do not count are clamped to the range of the others.
         let not_positive = (0..values.len()).find(|&n| self.counts[n] && values[n] <= 0.0);
         if let Some(n) = not_positive {
             let p = self.points[n];
