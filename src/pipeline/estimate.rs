@@ -273,8 +273,8 @@ fn after_resampling(inputs: &Inputs, mut counts: Counts) -> Counts {
     counts
 }
 
-/// Counts on voxels of 2^level times the recipe's edge: with all moves of the surface, and, for the greatest number of
-/// leaves, before the operations.
+/// Counts on voxels of 2^level times the recipe's edge: with all moves of the surface; the blocks and the greatest
+/// number of leaves are the greater ones of these and of those before the operations.
 fn counts_at_level(
     inputs: &Inputs,
     threads: &Threads,

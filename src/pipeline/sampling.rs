@@ -266,7 +266,7 @@ fn probe_cells<C: CellField>(
             }
         }
     };
-    // Distances first, so that the tiling borrows the filling that the values are taken of.
+    // Both branches do the same with contents of two types.
     Ok(match cells {
         ElementContent::Cell(cell) => {
             let tiled = TiledSolid::new(scaffold, *cell, options).map_err(failed)?;

@@ -34,8 +34,8 @@ impl BrickRun<'_> {
         report: &mut SolidReport,
         timer: &mut StageTimer,
     ) -> Result<StoredSolid, RunError> {
-        // The newest file of each brick.
         let ops = &self.inputs.recipe.sections().op;
+        // The newest file of each brick.
         let mut files = self.files(0, &self.first);
         let mut solid = StoredSolid {
             store: self.open(plan, &files, self.passes[0].ops.end)?,

@@ -132,7 +132,6 @@ impl CellTiling {
                 own[node] /= sum.max(f64::MIN_POSITIVE);
             }
         }
-        // A node that no element uses has no weights; its point gets the first cell.
         let by_cell: Vec<Vec<f64>> = weights.into_iter().map(|w| self.at_points(w)).collect();
         let mut weights = vec![0.0; count * self.points.len()];
         for (cell, own) in by_cell.into_iter().enumerate() {
@@ -141,6 +140,7 @@ impl CellTiling {
                 weights[at * count + cell] = w;
             }
         }
+        // A node that no element uses has no weights; its point gets the first cell.
         for own in weights.chunks_exact_mut(count) {
             if own.iter().sum::<f64>() <= 0.0 {
                 own[0] = 1.0;
