@@ -13,7 +13,7 @@ const MAX_FILE_BYTES: u64 = 256 << 20;
 /// Reads a `.cell` file.
 ///
 /// # Errors
-/// [`ReadError`] with the line, if the file is missing or is no cell.
+/// [`ReadError`], with the line or byte if it is known, if the file is missing, of more than 256 MiB, or no cell.
 pub fn read_cell(path: impl AsRef<Path>) -> Result<Cell, ReadError> {
     let path = path.as_ref();
     let size = fs::metadata(path)

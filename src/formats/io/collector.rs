@@ -288,7 +288,8 @@ impl<'a> Collector<'a> {
             }
             let values_of_item =
                 |n: usize| &field.values[n * field.components..(n + 1) * field.components];
-            // Nodes that no element has, and duplicates, are left out of the fields too.
+            // Nodes that no element has, and duplicates, are left out of the fields too. Formats with values of cells
+            // number their elements by cell, from 0.
             let values = match field.at {
                 FieldAt::Points => nodes
                     .iter()

@@ -102,8 +102,7 @@ impl VoxelMesh<'_> {
         mut layer: impl FnMut(&[Coord], [&NodePlane; 2]) -> io::Result<()>,
     ) -> io::Result<u64> {
         let mut next = 1;
-        // The nodes of a plane: the corners of the cubes on both sides of it, each once, numbered in
-        // ascending order.
+        // The nodes of a plane: the corners of the cubes on both sides of it, each once, numbered in ascending order.
         let mut numbered = |x: i32, layers: &[&[Coord]]| {
             let mut nodes: Vec<PlaneNode> = Vec::new();
             for cube in layers.iter().copied().flatten() {
@@ -155,8 +154,7 @@ impl VoxelMesh<'_> {
         for line in heading {
             writeln!(out, "{line}")?;
         }
-        // Sides of the box are the nodes and faces at its extremes along an axis; their numbers are kept for
-        // the sets.
+        // Sides of the box are the nodes and faces at its extremes along an axis; their numbers are kept for the sets.
         let bounds = self.bounds();
         let mut sides: [Vec<u64>; 6] = Default::default();
         writeln!(out, "*NODE, NSET=ALL_NODES")?;
@@ -254,8 +252,7 @@ pub(super) fn check_extension(path: &Path) -> Result<(), WriteError> {
 /// Writes a mesh of cubes as a deck; `heading` becomes the lines under `*HEADING`.
 ///
 /// # Errors
-/// [`WriteError::Format`] for another extension than `.inp` or a mesh without elements, and
-/// [`WriteError::Io`].
+/// [`WriteError::Format`] for another extension than `.inp` or a mesh without elements; those of [`AtomicFile`].
 pub fn write_voxel_deck(
     path: &Path,
     mesh: VoxelMesh,

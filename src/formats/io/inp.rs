@@ -339,7 +339,8 @@ impl Deck<'_> {
                 rule.line(&fields(line), self.model(), &mut generated, source)?;
                 self.generated = generated;
             }
-            // Rows of numbers are kept until their section ends, which needs all of them.
+            // Rows of numbers are kept until their section ends, which needs all of them; a row has at most 9, and more
+            // than 16 are dropped.
             Section::System | Section::Copy(_) | Section::Instance(_) => {
                 let mut row = Vec::new();
                 let text = line.trim_end_matches(|c: char| c == ',' || c.is_whitespace());
@@ -377,7 +378,7 @@ impl Deck<'_> {
         let Some(&kind) = kinds.iter().find(|k| k.node_count() == count) else {
             return Ok(());
         };
-        // A comma continues an element of a kind with more nodes.
+        // Too few nodes for any kind go on in the next line, and so do, after a comma, those of a kind with more nodes.
         if line.ends_with(',') && kind != largest {
             return Ok(());
         }

@@ -194,8 +194,7 @@ impl ElementDeck<'_> {
             writeln!(out, "{line}")?;
         }
         let elements = self.scaffold.connectivity();
-        // Nodes of faces and centres are not in serendipity elements; a node without an element would be
-        // singular.
+        // Nodes of faces and centres are not in serendipity elements; a node without an element would be singular.
         let mut is_used = vec![false; self.scaffold.nodes().len()];
         for e in 0..elements.len() {
             for n in self.nodes_of(e) {
@@ -384,8 +383,8 @@ fn write_surface(out: &mut impl Write, name: &str, faces: &Faces) -> io::Result<
 /// Writes a scaffold with materials as a deck; `heading` becomes the lines under `*HEADING`.
 ///
 /// # Errors
-/// [`WriteError::Format`] for another extension than `.inp`, or elements other than hexahedra and tetrahedra;
-/// [`WriteError::Io`].
+/// [`WriteError::Format`] for another extension than `.inp`, or elements other than hexahedra and tetrahedra; those
+/// of [`AtomicFile`].
 pub fn write_element_deck(
     path: &Path,
     deck: ElementDeck,

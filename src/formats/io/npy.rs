@@ -28,7 +28,7 @@ const MAX_NUMBERS: u64 = 1 << 30;
 /// Reads an array of little-endian f4 or f8, bool or u1, in C or Fortran order. Bools become 0 and 1.
 ///
 /// # Errors
-/// [`ReadError`] for a missing or truncated file, or an unsupported array.
+/// [`ReadError`] for a missing or truncated file, bytes after the array, or an unsupported array.
 pub fn read_npy(path: impl AsRef<Path>) -> Result<NpyArray, ReadError> {
     let mut source = Source::open(path)?;
     let magic: [u8; 8] = source.array("the first bytes of a .npy file")?;
@@ -55,8 +55,7 @@ pub fn read_npy(path: impl AsRef<Path>) -> Result<NpyArray, ReadError> {
     }
     let mut header = vec![0; length];
     source.exact(&mut header, "the header")?;
-    // The header is a dictionary of Python with three keys; blanks are removed, so that keys are found as
-    // text.
+    // The header is a dictionary of Python with three keys; blanks are removed, so that keys are found as text.
     let header = String::from_utf8_lossy(&header).replace(' ', "");
     let after = |key: &str| header.split_once(key).map_or("", |p| p.1);
     let kind = after("'descr':'").split('\'').next().unwrap_or("");

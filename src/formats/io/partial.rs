@@ -94,7 +94,7 @@ impl PartialFolder {
             let mut builder = Builder::new();
             let builder = builder.suffix(&suffix);
             let folder = builder.prefix(&prefix(name)).tempdir_in(parent)?;
-            // As for a file.
+            // As in `create`: another process may have removed it before the lock.
             if let Ok(opened) = File::open(folder.path())
                 && lock(&opened) != Lock::Taken
                 && folder.path().is_dir()

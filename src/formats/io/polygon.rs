@@ -52,9 +52,9 @@ fn triangulate_in_plane(polygon: &[u32], vertices: &[Vec3], normal: Vec3) -> Opt
     let at = |i: usize| vertices[polygon[i] as usize];
     let front = normal.try_normalize(0.0)?;
     // Axes of the plane, from the coordinate axis along which the normal is shortest: the product is not small.
-    let longest = |x: &f64, y: &f64| x.total_cmp(y);
+    let order = |x: &f64, y: &f64| x.total_cmp(y);
     let least = front.iter().map(|c| c.abs()).enumerate();
-    let axis = least.min_by(|x, y| longest(&x.1, &y.1))?.0;
+    let axis = least.min_by(|x, y| order(&x.1, &y.1))?.0;
     let across = Vec3::ith(axis, 1.0).cross(&front).try_normalize(0.0)?;
     let up = front.cross(&across);
     let projected = (0..polygon.len()).map(|i| {
@@ -63,8 +63,7 @@ fn triangulate_in_plane(polygon: &[u32], vertices: &[Vec3], normal: Vec3) -> Opt
     });
     let mut corners: Vec<usize> = Vec::new();
     earcut::Earcut::new().earcut(projected, &[], &mut corners);
-    // Signed area of the triangles. It equals that of the polygon only if the triangles cover it without
-    // overlap.
+    // Signed area of the triangles. It equals that of the polygon only if the triangles cover it without overlap.
     let area: f64 = corners
         .chunks_exact(3)
         .map(|t| {

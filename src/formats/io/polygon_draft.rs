@@ -119,7 +119,7 @@ impl Draft {
         }
         let group = self.groups.iter().max().map_or(1, |g| g.saturating_add(1));
         let mut holes = 0;
-        // Each loop of border edges is a face.
+        // Each loop of border edges is a face; a chain that does not close is left to the validation.
         while let Some((first, mut at)) = next.pop_first() {
             let mut hole = vec![first];
             while at != first {
@@ -156,8 +156,7 @@ impl Draft {
         }
         self.warnings
             .push(format!("{unused} vertices belong to no face; left out"));
-        // New numbers of the vertices that stay. An index beyond the vertices stays invalid, and the check
-        // reports it.
+        // New numbers of the vertices that stay. An index beyond the vertices stays invalid, and the check reports it.
         let mut number = vec![0; used.len()];
         let mut kept = Vec::with_capacity(used.len() - unused);
         for (v, point) in self.vertices.iter().enumerate() {
@@ -205,13 +204,13 @@ impl Draft {
         let (mut groups, mut lines) = (Vec::new(), Vec::new());
         for (f, face) in self.faces.iter().enumerate() {
             // Corners that coincide are one; a face with fewer than three is gone.
-            let mut loops: Vec<u32> = face.iter().map(|&v| number[v as usize]).collect();
-            loops.dedup();
-            while loops.len() > 1 && loops.first() == loops.last() {
-                loops.pop();
+            let mut corners: Vec<u32> = face.iter().map(|&v| number[v as usize]).collect();
+            corners.dedup();
+            while corners.len() > 1 && corners.first() == corners.last() {
+                corners.pop();
             }
-            if loops.len() > 2 {
-                faces.push(loops);
+            if corners.len() > 2 {
+                faces.push(corners);
                 groups.push(self.groups[f]);
                 lines.extend(self.lines.get(f));
             }
@@ -242,7 +241,7 @@ pub(super) fn replace_by_colors(
     if options.color_tolerance == 0.0 {
         return;
     }
-    // Tolerance in steps of a channel, from 0 to 255.
+    // Tolerance in steps of a channel, from 0 to 255; 1e-9 covers rounding.
     let tolerance = 255.0 * options.color_tolerance + 1e-9;
     let parts = |word: &str| {
         let digits = word.strip_prefix('#').filter(|d| d.len() == 6)?;
@@ -269,9 +268,10 @@ pub(super) fn replace_by_colors(
     }
 }
 
-/// An error of the mesh, with its place in the file and the file's numbers.
+/// An error of the mesh, with its place in the file.
 fn mesh_error(path: &Path, error: &PolyError, base: u32, lines: &[u64]) -> ReadError {
-    // Numbers in messages are those of the file, which counts from `base`.
+    // Numbers count from `base` as in the file, but without the vertices and faces that were left out before. The other
+    // errors at the end count from 0.
     let number = |n: usize| n as u64 + u64::from(base);
     let at = |face: usize| match lines.get(face) {
         Some(&line) => Place::ItemOnLine("face", number(face), line),

@@ -41,8 +41,8 @@ pub fn read_polymesh(path: impl AsRef<Path>, options: &LoadOptions) -> Result<Lo
     draft.finish(path, options)
 }
 
-/// Writes a polygon mesh, atomically; returns the file's size in bytes. An `.obj` or `.dlfl` comes with an
-/// `.mtl` of the same name that has a colour for each group.
+/// Writes a polygon mesh, each file atomically; returns their size in bytes. An `.obj` or `.dlfl` comes with an `.mtl`
+/// of the same name that has a colour for each group.
 ///
 /// # Errors
 /// [`WriteError`] for an unknown extension or a path that cannot be written.
@@ -76,7 +76,7 @@ pub fn write_polymesh(path: impl AsRef<Path>, mesh: &PolyMesh) -> Result<u64, Wr
 /// the file's size in bytes. Readers number the groups in order of appearance.
 ///
 /// # Errors
-/// As [`write_polymesh`], and when two groups have the same colour.
+/// [`WriteError`] for a path that cannot be written, and when two groups have the same colour.
 pub fn write_legacy_obj(path: impl AsRef<Path>, mesh: &PolyMesh) -> Result<u64, WriteError> {
     let path = path.as_ref();
     let text = obj_groups::legacy_text(mesh).map_err(|reason| WriteError::Format {

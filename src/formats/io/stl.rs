@@ -69,8 +69,7 @@ fn read_binary(mut source: Source) -> Result<MeshFile, ReadError> {
         let batch = (count - n).min(BATCH_TRIANGLES);
         let bytes = source.bytes(batch * TRIANGLE_BYTES as usize, "a triangle of 50 bytes")?;
         let mut bad = None;
-        // Bytes 0 to 11 are the normal, which the corners define; 12 to 47 the corners, 48 and 49 an
-        // attribute.
+        // Bytes 0 to 11 are the normal, which the corners define; 12 to 47 the corners, 48 and 49 an attribute.
         for record in bytes.as_chunks::<{ TRIANGLE_BYTES as usize }>().0 {
             let (numbers, _) = record[12..].as_chunks::<4>();
             let number = |i: usize| f64::from(f32::from_le_bytes(numbers[i]));

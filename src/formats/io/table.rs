@@ -67,7 +67,7 @@ fn words(line: &str) -> Vec<Cow<'_, str>> {
 /// The named columns of a table, one row per line: finite numbers below 1e18 only. Other columns are ignored.
 ///
 /// # Errors
-/// [`ReadError`] with the line, for a header with a missing or duplicate name or a word that is no number.
+/// [`ReadError`] with the line, for a header with a missing or duplicate name, or a word that is missing or no number.
 pub fn read_columns(path: &Path, text: &str, names: &[&str]) -> Result<Vec<Vec<f64>>, ReadError> {
     let rows = rows(path, text, names, |_, word| {
         word.parse().ok().filter(|v| is_in_range(*v))

@@ -58,8 +58,7 @@ impl Collector<'_> {
         elements: &Connectivity,
         kept: &[usize],
     ) -> Result<BTreeMap<u32, u32>, ReadError> {
-        // Elements with the same set of corners, up to merged nodes, are duplicates, in whatever order they
-        // list them.
+        // Elements with the same set of corners, up to merged nodes, are duplicates, in whatever order they list them.
         let places = merged_node_indices(nodes);
         let corners = |e: usize| {
             // Eight is the greatest number of corners; the rest is filled alike.

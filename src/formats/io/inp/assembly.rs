@@ -140,8 +140,7 @@ impl Assembly {
         }
     }
 
-    /// The instances with their models, then the items outside parts; each gets the place of its first
-    /// element.
+    /// The instances with their models, then the items outside parts; each gets the place of its first element.
     fn models(
         &self,
         path: &Path,
@@ -301,8 +300,7 @@ impl Assembly {
                 } else {
                     missing.count(set.numbers.len(), &scoped.name);
                 }
-                // A name is INSTANCE.SET or INSTANCE.NUMBER, a set of the instance, or another set of the
-                // assembly.
+                // A name is INSTANCE.SET or INSTANCE.NUMBER, a set of the instance, or another set of the assembly.
                 for name in &set.names {
                     let qualified = name.split_once('.').and_then(|(i, rest)| {
                         let placed = &models[self.instance(i)?];

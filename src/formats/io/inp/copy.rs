@@ -190,6 +190,7 @@ impl Ncopy {
             )
         })?;
         let old = model.node_set(&self.old, source)?;
+        // Copies of an empty set count one node each, so that the loop is bounded.
         generated.add(
             (self.copies as u64).saturating_mul(old.len().max(1) as u64),
             source,

@@ -328,6 +328,7 @@ fn fill(
         let found = format!("{intervals} intervals, increment {increment}");
         return Err(source.bad(found, "1 or more intervals, an increment that is not 0"));
     }
+    // Empty sets count one node per interval, so that the list of intervals is bounded.
     generated.add(
         (intervals as u64).saturating_mul(from.len().max(1) as u64),
         source,

@@ -133,7 +133,7 @@ impl Motion {
             None if x.z.abs() <= 1e-9 * x.norm() => Vec3::z().cross(&x),
             None => return Err("two points of different height, which do not define the y axis"),
         };
-        // Right-handed axes: z = x cross side, y = z cross x.
+        // Right-handed axes: z = x cross side, y = z cross x. A sine below 1e-9 between them is a line.
         let axes = x.try_normalize(1e-300).and_then(|x| {
             let z = x.cross(&side.try_normalize(1e-300)?).try_normalize(1e-9)?;
             Some(Mat3::from_columns(&[x, z.cross(&x), z]))
@@ -158,9 +158,8 @@ impl Motion {
         self.linear * x + self.shift
     }
 
-    /// The motion of data lines of *INSTANCE and *NCOPY, SHIFT: a translation of up to three numbers, then a
-    /// rotation of up to seven, by an angle in degrees about the axis through two points. `None` if the points
-    /// coincide.
+    /// The motion of data lines of *INSTANCE and *NCOPY, SHIFT: a translation of up to three numbers, then a rotation
+    /// of up to seven, by an angle in degrees about the axis through two points. `None` if the points coincide.
     pub fn of_data_lines(lines: &[Vec<f64>]) -> Option<Self> {
         let line = |has: fn(usize) -> bool| {
             let own = lines.iter().find(|l| has(l.len()));

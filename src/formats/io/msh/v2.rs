@@ -17,6 +17,7 @@ pub(super) enum NodeForm {
 /// Reads nodes: number, three coordinates, and for parametric ones an entity with its parameters, which are ignored.
 pub(super) fn nodes(file: &mut File, form: NodeForm) -> Result<(), ReadError> {
     let claimed = count_line(file, "the number of nodes")?;
+    // From here to `lines` numbers are in the file's encoding. A node is 4 words, in binary at least 4 + 3 * 8 bytes.
     file.numbers();
     let count = file.tokens.count(claimed, 4, 28, "nodes")?;
     for _ in 0..count {
@@ -48,6 +49,7 @@ pub(super) fn nodes(file: &mut File, form: NodeForm) -> Result<(), ReadError> {
 /// Reads elements of version 1: number, type, group, entity, number of nodes, nodes.
 pub(super) fn elements_of_version_1(file: &mut File) -> Result<(), ReadError> {
     let claimed = count_line(file, "the number of elements")?;
+    // Number, type, group, entity, node count and a node, always as text; the bytes do not count.
     let count = file.tokens.count(claimed, 6, 24, "elements")?;
     for _ in 0..count {
         let t = &mut file.tokens;
@@ -74,6 +76,7 @@ pub(super) fn elements_of_version_1(file: &mut File) -> Result<(), ReadError> {
 pub(super) fn elements(file: &mut File) -> Result<(), ReadError> {
     let claimed = count_line(file, "the number of elements")?;
     file.numbers();
+    // At least number, type, tag count and a node; in a binary run at least number and node, 4 bytes each.
     let count = file.tokens.count(claimed, 4, 8, "elements")?;
     let mut left = count;
     while left > 0 {

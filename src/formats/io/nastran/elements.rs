@@ -36,8 +36,7 @@ const ELEMENTS: &[Row] = &[
 ];
 
 /// The permutation from Nastran's node order to VTK order (place i in VTK's order is the node at place `order[i]` of
-/// the card), where they differ: Nastran lists the mid nodes of
-/// vertical edges before those of the top face.
+/// the card), where they differ: Nastran lists the mid nodes of vertical edges before those of the top face.
 const HEX20: [u8; 20] = [
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 16, 17, 18, 19, 12, 13, 14, 15,
 ];
@@ -156,8 +155,7 @@ impl Deck<'_> {
                     return Err(ReadError::data(self.path, Place::File, found, expected));
                 };
                 let grid = &self.grids[place as usize].1;
-                // Coordinates of nodes in different systems have to be in the basic one before their mean is
-                // taken.
+                // Coordinates of nodes in different systems have to be in the basic one before their mean is taken.
                 sum += self.to_basic(grid, node)?;
             }
             self.collector.point(number, (sum / 2.0).into());

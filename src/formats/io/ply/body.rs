@@ -161,8 +161,7 @@ impl Rows<'_> {
 
     /// The next number of type `kind`; in text on this line or a later one.
     fn number(&mut self, kind: Scalar) -> Result<f64, ReadError> {
-        // Text ignores the declared type. The line is parsed as a whole; a word that is no number is marked
-        // in it.
+        // Text ignores the declared type. The line is parsed as a whole; a word that is no number is marked in it.
         if self.format == Encoding::Text {
             if self.at == self.line.len() {
                 self.fill()?;

@@ -51,7 +51,9 @@ impl ImplicitPart<'_> {
         let scale = graph.constant(self.edge);
         let value = graph.pair("multiplication", &value, &scale);
 
-        let mut xml = begin(out, graph.xml.len() > u32::MAX as usize / 2)?;
+        // An entry of 4 GiB needs the long form of ZIP; half of that is left for the mesh.
+        let is_large = graph.xml.len() > u32::MAX as usize / 2;
+        let mut xml = begin(out, is_large)?;
         write!(
             xml,
             "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<model unit=\"{}\" xml:lang=\"en-US\" \
@@ -72,7 +74,7 @@ impl ImplicitPart<'_> {
         for [a, b, c] in self.domain.triangles() {
             writeln!(xml, "<triangle v1=\"{a}\" v2=\"{b}\" v3=\"{c}\"/>")?;
         }
-        // A quarter of the shortest wave is the finest feature that a printer has to resolve.
+        // A quarter of the shortest wave, or of the edge if waves are longer, is the finest feature to be resolved.
         let finest = 0.25 * self.edge / self.function.band_limit().max(1.0);
         let [x, y, z] = [self.offset.x, self.offset.y, self.offset.z];
         write!(

@@ -118,7 +118,8 @@ pub(in crate::io) fn write_beams(
     unit: LengthUnit,
 ) -> io::Result<()> {
     let bytes = 64 * lattice.nodes.len() as u64 + 128 * lattice.beams.len() as u64;
-    // The radius of the lattice is the default of its beams; each beam states its own.
+    // The texts of a vertex and of a beam have at most 64 and 128 bytes. The radius of the lattice is a default that no
+    // beam uses; shorter beams than the tiny `minlength` may be dropped by readers.
     let radius = lattice.beams.first().map_or(1.0, |b| b.radii[0] * factor);
     package(out, unit, BEAM_EXTENSION_ATTRIBUTES, bytes, |xml| {
         writeln!(xml, "<vertices>")?;

@@ -101,8 +101,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
                         let found = format!("elements nested more than {MAX_DEPTH} deep");
                         return Err(self.bad(found, "a model of 3MF"));
                     }
-                    // The content of an unknown element is skipped as a whole: only the depth is counted
-                    // there.
+                    // The content of an unknown element is skipped as a whole: only the depth is counted there.
                     if self.skipped_depth > 0 || !self.start(&e)? {
                         self.skipped_depth += 1;
                     } else if is_head {

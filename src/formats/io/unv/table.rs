@@ -14,8 +14,7 @@ const HEX20: &[u8] = &[
     0, 2, 4, 6, 12, 14, 16, 18, 1, 3, 5, 7, 13, 15, 17, 19, 8, 9, 10, 11,
 ];
 
-/// Plane stress, plane strain, plates, membranes, bodies of revolution, thin shells; thick shells,
-/// solids.
+/// Plane stress, plane strain, plates, membranes, bodies of revolution, thin shells; thick shells, solids.
 pub(super) const ELEMENT_TYPES: &[Row] = &[
     (&[41, 51, 61, 74, 81, 91], Kind::Tri3, &[]),
     (&[42, 52, 62, 72, 82, 92], Kind::Tri6, TRI6),

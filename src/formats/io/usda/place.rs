@@ -46,8 +46,7 @@ pub(super) fn local(prim: &Prim, time: Option<f64>) -> Result<(Matrix4<f64>, boo
         .properties
         .get("xformOpOrder")
         .and_then(|p| value_at(p, time));
-    // Operations apply from the last to the first, as products of matrices do. A reset ignores those of the
-    // parents.
+    // Operations apply from the last to the first, as products of matrices do. A reset ignores those of the parents.
     for word in order.iter().flat_map(Value::words) {
         if word == "!resetXformStack!" {
             (map, is_reset) = (Matrix4::identity(), true);

@@ -86,7 +86,7 @@ impl Layer {
     /// Reads a file.
     ///
     /// # Errors
-    /// [`ReadError`] for a missing or binary file, text that is not valid, or a layer that refers to others.
+    /// [`ReadError`] for a missing, binary or too large file, text that is not valid, or a layer that refers to others.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         let failed = |e| ReadError::io(path, e);
         let size = std::fs::metadata(path).map_err(failed)?.len();

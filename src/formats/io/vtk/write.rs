@@ -23,7 +23,7 @@ pub fn write_vtu(
     write_vtu_fields(path, scaffold, &[], fields)
 }
 
-/// As [`write_vtu`], with fields of one number per node too.
+/// As [`write_vtu`], with fields of one number per node too; they are NaN at the nodes that pyramids gain.
 ///
 /// # Errors
 /// When the file cannot be written, or a field has another number of values.
@@ -55,8 +55,7 @@ pub fn write_vtu_fields(
     let mut points = scaffold.nodes().to_vec();
     for e in 0..elements.len() {
         nodes.extend(elements.nodes(e).iter().map(|n| i64::from(*n)));
-        // VTK's pyramid of second order has 19 nodes: those in the middle of its triangles and inside are
-        // added.
+        // VTK's pyramid of second order has 19 nodes: those in the middle of its triangles and inside are added.
         if elements.kind(e) == Kind::Pyramid14 {
             for place in inner_points() {
                 nodes.push(points.len() as i64);

@@ -275,8 +275,7 @@ impl<'a> Document<'a> {
             )
         })?;
         let encoding = match attribute(tag, "format").as_deref() {
-            // Numbers are text in the element, base64 in the element, or bytes at an offset in the appended
-            // data.
+            // Numbers are text in the element, base64 in the element, or bytes at an offset in the appended data.
             Some("ascii") | None => ArrayEncoding::Text,
             Some("binary") => ArrayEncoding::Inline,
             Some("appended") => ArrayEncoding::Appended(self.number(tag, "offset", byte)?),
