@@ -31,6 +31,7 @@ pub fn signed_distance(solid: &[bool], shape: &[usize], steps: &[f64], periodic:
     assert_eq!(shape.len(), steps.len(), "one step per axis");
     let outside = squared(solid, true, shape, steps, periodic);
     let inside = squared(solid, false, shape, steps, periodic);
+    // The surface is taken half a step before the nearest sample of the other side; the mean of unequal steps.
     let half = steps.iter().sum::<f64>() / steps.len() as f64 / 2.0;
     outside
         .into_par_iter()

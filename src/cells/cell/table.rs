@@ -214,8 +214,7 @@ impl Table {
         table
     }
 
-    /// The same table, evaluated with baseline instructions only: bit-identical on every processor.
-    /// The same result on every processor costs speed: only vector instructions of the oldest are used.
+    /// The same table, evaluated with baseline instructions only: slower, but bit-identical on every processor.
     #[must_use]
     pub fn portable(mut self) -> Self {
         let leaves = match &mut self.function {

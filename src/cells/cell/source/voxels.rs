@@ -121,7 +121,7 @@ impl Voxels {
         self.signed(true)
     }
 
-    /// The same; without `periodic` the surface ends at the last samples.
+    /// As [`Self::signed_over_period`]; without `periodic` the surface ends at the last samples.
     fn signed(&self, periodic: bool) -> Vec<f64> {
         if !self.binary {
             return self.values.clone();

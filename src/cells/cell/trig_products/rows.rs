@@ -30,7 +30,7 @@ impl Products {
         self.axis_functions_of(l, l.load(parts))
     }
 
-    /// The same for fractions that are already on lanes.
+    /// As [`Self::along`], for fractions that are already on lanes.
     #[inline(always)]
     pub fn axis_functions_of<L: Lanes>(&self, l: L, r: L::F) -> Along<L::F> {
         // Sines of the angle folded to a quarter turn.
@@ -206,8 +206,7 @@ impl Products {
         }
     }
 
-    /// The same for N functions along z: a row takes one multiplication per function.
-    /// N is at least the number of functions along z.
+    /// As [`Self::values`], where N is at least the number of functions along z: a row takes N multiplications.
     #[inline(always)]
     fn values_of<L: Lanes, const N: usize>(
         &self,
@@ -284,7 +283,7 @@ impl Products {
         reach
     }
 
-    /// The same for N functions along z, with the largest remainder of all boxes.
+    /// As [`Self::classify_boxes`], for N functions along z and the largest remainder of all boxes.
     #[inline(always)]
     fn classify_boxes_of<L: Lanes, const N: usize>(
         &self,
@@ -402,7 +401,7 @@ impl Products {
         self.solid_of(l, sum)
     }
 
-    /// The same for two rows.
+    /// As [`Self::solid_of`], for two rows.
     #[inline(always)]
     fn solid_of_pair<L: Lanes>(&self, l: L, sums: Pair<L>) -> Pair<L> {
         match self.solid {

@@ -126,7 +126,7 @@ impl Spline {
         lanes.fused(low, y0, lanes.mul(high, y1))
     }
 
-    /// The same, with derivatives along x, and with derivatives along y.
+    /// As [`Self::sum_xy`]: the sum, that with derivatives along x, and that with derivatives along y.
     #[inline(always)]
     fn sums_xy<L: Lanes>(&self, lanes: L, group: &GradientStencils, n: usize) -> [L::F; 3] {
         let patches = self.patches(lanes, &group.stencils, n);

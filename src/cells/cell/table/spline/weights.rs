@@ -48,8 +48,7 @@ fn row_weights<L: Lanes, const N: usize>(lanes: L, t: L::F, powers: &[[f32; 4]; 
     all
 }
 
-/// The same for two rows.
-/// Rows of y and z are joined in one wide register.
+/// As [`row_weights`], for two rows, of y and z, joined in one wide register.
 #[inline(always)]
 fn two_row_weights<L: Lanes, const N: usize>(
     lanes: L,
