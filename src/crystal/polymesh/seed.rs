@@ -233,7 +233,7 @@ fn ring(n: usize, edge: f64, z: f64, turn: f64) -> Vec<Vec3> {
 /// A regular n-gon with two sides: the normal of face 0 is +z, that of face 1 is -z.
 ///
 /// # Errors
-/// Fewer than 3 corners, an edge that is not positive.
+/// Fewer than 3 or more than 2^21 corners, an edge that is not positive and finite.
 pub fn polygon(n: usize, edge: f64) -> Result<PolyMesh, SeedError> {
     two_sided(ring(corners(n)?, positive("edge", edge)?, 0.0, 0.0))
 }
@@ -241,7 +241,7 @@ pub fn polygon(n: usize, edge: f64) -> Result<PolyMesh, SeedError> {
 /// Any polygon with two sides: face 0 runs through the points in their order, face 1 back.
 ///
 /// # Errors
-/// Fewer than 3 points.
+/// Fewer than 3 points, or one that is not finite or beyond 1e18.
 pub fn two_sided(points: Vec<Vec3>) -> Result<PolyMesh, SeedError> {
     let n = points.len() as u32;
     let mut faces = Faces::default();
