@@ -61,7 +61,7 @@ pub struct EngineeringConstants {
     pub bulk_reuss: f64,
     /// Shear modulus, mean over all directions under uniform strain.
     pub shear_voigt: f64,
-    /// The same under uniform stress.
+    /// Shear modulus, mean over all directions under uniform stress.
     pub shear_reuss: f64,
     /// Zener's ratio 2 C44 / (C11 - C12) with means over the axes: 1 if isotropic. It describes cubic symmetry only.
     pub zener: f64,

@@ -35,7 +35,7 @@ impl Prepared {
         Ok(cell.with_solid(design.solid, level)?)
     }
 
-    /// The same where the level multiplies a function that vanishes on the faces, by the secant method.
+    /// The cell of a matched space, by the secant method: the level multiplies a function that vanishes on the faces.
     fn matched_cell(
         &self,
         coefficients: &[f64],

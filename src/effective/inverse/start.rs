@@ -89,7 +89,7 @@ pub fn random(basis: &Basis<3>, seed: u64) -> Start {
     }
 }
 
-/// Coefficients near those of another start.
+/// Coefficients near those of another start: random ones of 0.3 of its norm are added. Norms leave out the constant.
 pub fn perturbed(basis: &Basis<3>, start: &Start, seed: u64) -> Start {
     let own = random(basis, seed);
     let size = |v: &[f64]| v.iter().skip(1).map(|c| c * c).sum::<f64>().sqrt();

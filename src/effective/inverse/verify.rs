@@ -35,7 +35,7 @@ pub fn properties_of(
     Ok(figures(cell, n, settings, progress)?.0)
 }
 
-/// The same, and the tensors.
+/// As [`properties_of`], with the tensors.
 ///
 /// # Errors
 /// As [`properties_of`].
@@ -138,7 +138,7 @@ fn summary(found: &Properties) -> DesignProperties {
 /// Refuses a cell whose sharp voxels are not connected on a grid.
 ///
 /// # Errors
-/// [`InverseError::Disconnected`], or the user stopped it.
+/// [`InverseError::Disconnected`], those of [`Period::of_cell`] and of the grid, or the user stopped it.
 pub fn check_connected(cell: &Cell, n: usize, progress: &dyn Progress) -> Result<(), InverseError> {
     let (grid, shares, field) = sharp(cell, n, progress)?;
     is_connected(grid, cell.solid(), &shares, &field).map_err(InverseError::Disconnected)
@@ -170,7 +170,7 @@ fn sharp(
 /// Shares of solid and void that are narrower than a diameter (reference lengths): what an opening by its ball removes.
 ///
 /// # Errors
-/// As [`check_connected`].
+/// As [`check_connected`], apart from [`InverseError::Disconnected`].
 pub fn narrow_shares(
     cell: &Cell,
     n: usize,
