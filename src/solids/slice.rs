@@ -226,7 +226,7 @@ impl Layer {
                 let [j0, j1] = [j.saturating_sub(1), (j + 1).min(nv - 1)];
                 let gu = across(self.value(i0, j), self.value(i1, j), (i1 - i0) as f64);
                 let gv = across(self.value(i, j0), self.value(i, j1), (j1 - j0) as f64);
-                // The extent of the pixel along the gradient.
+                // The change of the value over the pixel (1e-3 where it is flat); a plan of one pixel has no neighbours.
                 let reach = (gu.abs() + gv.abs()).max(1e-3) * self.pixel;
                 let share = (0.5 - self.value(i, j) / reach).clamp(0.0, 1.0);
                 shares.push((share * 255.0).round() as u8);
