@@ -306,7 +306,8 @@ impl PeriodResults<'_> {
         lines.push(format!("Poisson's ratio {}", self.material.poisson));
         if let Some(e) = &fine.engineering {
             lines.push(format!("Zener ratio {:.4}", e.zener));
-            lines.push(format!("bulk modulus {}", short(e.bulk)));
+            let name = self.fine().plane_strain.map_or("bulk", |_| "plane bulk");
+            lines.push(format!("{name} modulus {}", short(self.bulk(e))));
         }
         (title, lines)
     }

@@ -34,7 +34,7 @@ pub(super) fn drains(solid: &Value, unit: &str) -> String {
         &format!("length, {unit}"),
     ];
     format!(
-        "<p>{} channels were drilled.</p>{}",
+        "<p>Drilled channels: {}.</p>{}",
         list.len(),
         table(&heads, &rows)
     )

@@ -108,7 +108,7 @@ impl BrickPlan {
         };
         match self.bricks.iter().find(is_misplaced) {
             Some(brick) => Err(format!(
-                "a brick at {brick:?}; expected multiples of {edge}"
+                "a brick at {brick:?}; expected multiples of {edge} up to 536870912"
             )),
             None => Ok(()),
         }

@@ -153,9 +153,10 @@ fn of_frd(path: &Path, name: &str, scaffold: &Scaffold, factor: f64) -> Result<F
         .chunks_exact(components.max(1))
         .zip(&field.nodes)
     {
-        // Numbers of the deck count from 1; 0 wraps around and is out of range, so that its row is left out.
-        let n = (number as usize).wrapping_sub(1);
-        if let Some(own) = values.get_mut(n * components..(n + 1) * components) {
+        // Numbers of the deck count from 1; rows of others are left out.
+        let node = (number as usize).checked_sub(1);
+        let mut rows = values.chunks_exact_mut(components.max(1));
+        if let Some(own) = node.and_then(|n| rows.nth(n)) {
             own.copy_from_slice(row);
         }
     }

@@ -192,7 +192,12 @@ impl SourceReader<'_> {
             }
         } else if let Some(f) = section.graph.as_ref().or(section.plates.as_ref()) {
             // A graph is a file, or a name of the library.
-            let path = has_extension(&f.path, &GRAPH_FILES).then(|| open("graph", f));
+            let key = if section.graph.is_some() {
+                "graph"
+            } else {
+                "plates"
+            };
+            let path = has_extension(&f.path, &GRAPH_FILES).then(|| open(key, f));
             let (skeleton, notes) = struts_and_plates(section, f, element, path.as_deref())?;
             record.warn(Warning::MESH, &notes);
             Source::skeleton(element, &skeleton, &place)?

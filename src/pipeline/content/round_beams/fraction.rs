@@ -35,6 +35,9 @@ pub(super) fn diameter_for_fraction(
         let element = scaffold.element(index);
         let shape = element.shape();
         let region = Aabb::of(shape.vertices());
+        // Every box holds as many points, so that one stands for a volume |det J| |box| / points; boxes of wedges and
+        // pyramids are smaller than those of hexes.
+        let box_volume = region.size().product();
         (0..points_per_element).filter_map(move |n| {
             let number = (index * points_per_element + n + 1) as f64;
             let part = Vec3::from(STEPS.map(|s| (number * s).fract()));
@@ -43,7 +46,7 @@ pub(super) fn diameter_for_fraction(
             (shape.face_distance(xi) <= 0.0).then(|| {
                 let (place, jacobian) = element.map_and_jacobian(xi);
                 let to_axis = beams.value(place) + trial_diameter / 2.0;
-                (to_axis, jacobian.determinant().abs())
+                (to_axis, jacobian.determinant().abs() * box_volume)
             })
         })
     };
@@ -62,4 +65,36 @@ pub(super) fn diameter_for_fraction(
         }
     }
     diameter
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::beams::Beam;
+    use crate::scaffold::{Connectivity, Kind};
+
+    /// A beam in a cube beside another cube of two wedges: pi d^2 / 4 is its share of both.
+    #[test]
+    fn elements_of_all_shapes_count_by_their_volumes() {
+        let nodes = (0..12u8)
+            .map(|n| Vec3::new(f64::from(n % 3), f64::from(n / 3 % 2), f64::from(n / 6)))
+            .collect();
+        let mut elements = Connectivity::default();
+        elements.push(Kind::Hex8, &[0, 1, 4, 3, 6, 7, 10, 9]);
+        elements.push(Kind::Wedge6, &[1, 2, 5, 7, 8, 11]);
+        elements.push(Kind::Wedge6, &[1, 5, 4, 7, 11, 10]);
+        let scaffold = Scaffold::new(nodes, elements).unwrap();
+        let trial = 1e-6;
+        let beam = Beam {
+            ends: [Vec3::new(0.5, 0.5, -1.0), Vec3::new(0.5, 0.5, 2.0)],
+            radii: [trial / 2.0; 2],
+        };
+        let beams = Beams::new(&[beam], &[]).unwrap();
+        let diameter = diameter_for_fraction(&beams, trial, &scaffold, 0.05).unwrap();
+        let expected = (4.0 * 0.05 * 2.0 / std::f64::consts::PI).sqrt();
+        assert!(
+            (diameter / expected - 1.0).abs() < 3e-3,
+            "{diameter} {expected}"
+        );
+    }
 }
