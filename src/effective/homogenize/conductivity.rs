@@ -51,12 +51,26 @@ impl<'a> Conduction<'a> {
     ) -> Result<Self, HomogenizeError> {
         check_shares(grid, shares)?;
         // A solid that does not conduct leaves no finite medium; a void may conduct nothing.
-        for (found, least) in [(solid, f64::MIN_POSITIVE), (void, 0.0)] {
-            if !(found.is_finite() && found >= least) {
+        let faults = [
+            (
+                solid > 0.0,
+                "the conductivity of the solid",
+                solid,
+                "a positive number",
+            ),
+            (
+                void >= 0.0,
+                "the conductivity of the void",
+                void,
+                "0, which insulates, or a positive number",
+            ),
+        ];
+        for (is_in_range, what, found, expected) in faults {
+            if !(found.is_finite() && is_in_range) {
                 return Err(HomogenizeError::Material {
-                    what: "conductivity",
+                    what,
                     found,
-                    expected: "a positive number",
+                    expected,
                 });
             }
         }
@@ -278,5 +292,39 @@ impl System for Conduction<'_> {
     fn precondition(&mut self, r: &[f64], z: &mut [f64]) {
         let moduli = [self.solid; 2];
         green(&mut self.spectral, &self.frequencies, moduli, r, z);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn conductivities_out_of_range_name_their_phase_and_what_it_may_be() {
+        let grid = Grid::cube(4).unwrap();
+        let shares = [0.5; 64];
+        let made = |solid: f64, void: f64| {
+            let made = Conduction::new(grid, &shares, solid, void, Scheme::Rotated);
+            made.map(|_| ()).map_err(|e| e.to_string())
+        };
+        // A void that insulates is a medium.
+        assert_eq!(made(1.0, 0.0), Ok(()));
+        for (solid, void, words) in [
+            (
+                0.0,
+                0.0,
+                "conductivity of the solid 0; expected a positive number",
+            ),
+            (f64::INFINITY, 0.0, "conductivity of the solid inf"),
+            (
+                1.0,
+                -1.0,
+                "conductivity of the void -1; expected 0, which insulates, or a",
+            ),
+            (1.0, f64::NAN, "conductivity of the void NaN"),
+        ] {
+            let message = made(solid, void).unwrap_err();
+            assert!(message.contains(words), "{message}");
+        }
     }
 }
