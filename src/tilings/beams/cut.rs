@@ -47,7 +47,7 @@ impl ScaffoldSolid {
         Self::with_limit(surfaces, u32::MAX as usize)
     }
 
-    /// The union of closed surfaces, of which meshes are joined up to a number of vertices.
+    /// The union of closed surfaces in meshes of at most so many vertices, or of one surface.
     fn with_limit(surfaces: impl IntoIterator<Item = TriMesh>, max_vertices: usize) -> Self {
         // Surfaces whose boxes are apart form one mesh, so that most unions need a single search.
         let mut layers: Vec<Layer> = Vec::new();
@@ -248,7 +248,7 @@ impl Field for Cut<'_> {
 mod tests {
     use super::*;
 
-    /// Three cubes apart from each other, of which any number fits into a mesh: none is lost.
+    /// Three cubes apart from each other, where a mesh holds one, two or all of them: none is lost.
     #[test]
     fn surfaces_that_no_mesh_can_hold_together_stay_in_the_union() {
         let cube = |n: usize| {

@@ -21,7 +21,7 @@ pub use search::{Aim, Directions};
 use super::misfit::Misfit;
 use super::mixture::Mixture;
 use super::{Member, TilingError, interface};
-use crate::scaffold::Scaffold;
+use crate::scaffold::{ElementMap, Scaffold};
 use druse_cells::cell::Cell;
 use druse_geometry::field::Field;
 use druse_geometry::frame::{Element, Mat3};
@@ -89,10 +89,8 @@ pub fn orient(
         let matrix = &views.shape(shape).turns[usize::from(found.turns[e])].matrix;
         ((matrix - identity).norm_squared() > 1e-9).then_some(matrix)
     };
-    let elements = scaffold.elements();
-    let turned = elements
-        .filter(|e| turn(e.index(), e.shape()).is_some())
-        .count();
+    let is_turned = |e: &ElementMap| turn(e.index(), e.shape()).is_some();
+    let turned = scaffold.elements().filter(is_turned).count();
     if turned == 0 && found.bad.is_empty() {
         return Ok(None);
     }
@@ -107,9 +105,8 @@ pub fn orient(
             (Some(mixed), Mismatch::Blend { .. }) => mixture = mixed,
             (mixed, _) => {
                 let edges = bad_edges::bad_edges(&search, &found.bad, &found.turns);
-                let elements = search
-                    .face(first)
-                    .map_or([first.element; 2], |f| f.elements);
+                let face = search.face(first);
+                let elements = face.map_or([first.element; 2], |f| f.elements);
                 return Err(TilingError::Misfit(Box::new(Misfit {
                     lines: bad_edges::line_count(&edges),
                     edges,

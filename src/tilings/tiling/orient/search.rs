@@ -258,10 +258,7 @@ impl<'a> Search<'a> {
             let score = aim.score(&turn.matrix);
             let best = &mut best[usize::from(turn.class)];
             if score > best.score {
-                *best = Scored {
-                    turn: n as u8,
-                    score,
-                };
+                (best.turn, best.score) = (n as u8, score);
             }
         }
         best
