@@ -139,10 +139,9 @@ pub enum Scheme {
 /// The implementation that smooths and offsets a level set, where there are two.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Tools {
-    /// This crate's tools, several times faster, for [`Scheme::First`]:
-    /// [`Smoother`](crate::band::Smoother) for means, Gaussians and Laplacian flow, and
-    /// [`SurfacePoints`](crate::band::SurfacePoints) for offsets and wider bands. Everything else is
-    /// OpenVDB's.
+    /// This crate's tools, several times faster, for [`Scheme::First`]: [`Smoother`](crate::band::Smoother) for means,
+    /// Gaussians and Laplacian flow, and [`SurfacePoints`](crate::band::SurfacePoints) for offsets and wider bands.
+    /// Everything else is OpenVDB's.
     #[default]
     Native,
     /// OpenVDB's filters.

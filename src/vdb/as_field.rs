@@ -116,7 +116,7 @@ impl SampledLevelSet {
         session: Session<'_>,
     ) -> Result<Self, VdbError> {
         let h = level_set.voxel_size();
-        // Two more voxels, so that parabolas do not include the end of the band.
+        // Two more voxels, so that parabolas do not include the end of the band; 4096 is more than memory holds.
         let target = half_width / (placement.scale * h) + 2.0;
         let extra = (target - level_set.half_width()).ceil().clamp(0.0, 4096.0);
         level_set.widen_within(extra as u32, region, session)?;
@@ -235,6 +235,7 @@ impl Field for SampledLevelSet {
     /// range of the field.
     fn bound(&self, region: &Aabb) -> Interval {
         let h = self.level_set.voxel_size();
+        // Twice the greatest value, which the overshoot does not reach.
         let w = self.level_set.background()
             * self.placement.scale
             * f64::from(BEYOND_BAND_FACTOR)
@@ -252,8 +253,9 @@ impl Field for SampledLevelSet {
         let Some((a, b)) = range else {
             return Interval::new(-w, w);
         };
-        // The overshoot is at most an eighth of the range of the three values on each axis. The margin of one
-        // half also covers rounding; equal values give an exact result.
+        // A parabola overshoots by at most an eighth of the range of its three values on each side, so that the range
+        // grows by at most 5/4 per axis: in all by 0.48 on each side. One half also covers rounding; equal values give
+        // an exact result.
         let overshoot = (b - a) * 0.5;
         Interval::new(
             self.distance(a - overshoot).into(),
@@ -289,8 +291,7 @@ impl LevelSet {
         Ok(self)
     }
 
-    /// The solid after a placement, on a lattice of another voxel size with voxel (0, 0, 0) at the world's
-    /// origin.
+    /// The solid after a placement, on a lattice of another voxel size with voxel (0, 0, 0) at the world's origin.
     ///
     /// # Errors
     /// [`VdbError::Parameter`] for a half width (voxels) below 1, [`VdbError::Cancelled`], or errors of

@@ -36,6 +36,7 @@ impl LevelSet {
         sides[0].has_beyond |= self.tiles()?.iter().any(|t| t.value < 0.0);
         let (background, h) = (self.background() as f32, self.voxel_size() as f32);
         Ok(sides.map(|side| {
+            // The outermost layer of a full band is at most a voxel from its end; 1 % covers rounding.
             let is_cut_off = side.has_beyond && side.active < background - 1.01 * h;
             let is_flat = side.plateau > 0.0 && side.plateau < FULL_WIDTH_SHARE * background;
             if is_flat && side.plateau >= FULL_WIDTH_SHARE * side.active {

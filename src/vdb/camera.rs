@@ -27,7 +27,7 @@ const HALF_ANGLE: f64 = 15.0 * std::f64::consts::PI / 180.0;
 
 impl View {
     /// Fits a view of `columns` x `rows` square samples to a box. Row 0 is at the top. `towards_eye` points from the
-    /// box to the eye, of any length.
+    /// box to the eye, of any length but 0.
     pub fn fit(
         bounds: Aabb,
         towards_eye: Vec3,
@@ -36,7 +36,7 @@ impl View {
         rows: usize,
     ) -> Self {
         let forward = -towards_eye.normalize();
-        // A view along z has no up; y is taken then.
+        // A view along z, within 2.6 degrees, has no stable up; y is taken then.
         let pole = if forward.z.abs() > 0.999 {
             Vec3::y()
         } else {
@@ -54,7 +54,7 @@ impl View {
             2.0 * radius
         };
         let eye = centre - forward * distance;
-        // The projection of the box onto the plane through the centre.
+        // The projection of the box onto the plane through the centre; 1e-9 below keeps pixels of a flat box positive.
         let mut low = [f64::INFINITY; 2];
         let mut high = [f64::NEG_INFINITY; 2];
         for c in corners {

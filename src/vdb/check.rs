@@ -203,7 +203,7 @@ fn quantile(bins: &[u64], share: f64) -> f64 {
 
 /// Counts the defects of a leaf: values that are not finite, too large or off the background, and errors of the slope
 /// in `bins` of a thousandth. `h` is the voxel size and `background` the half width of the band, world units. `leaf` is
-/// its number. Values within a thousandth of the background count as the background.
+/// its number. Values within a thousandth of the background count as the background; a slope is far off by 0.5 or more.
 fn count_leaf(
     index: &LeafIndex<'_>,
     leaf: usize,

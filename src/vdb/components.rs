@@ -245,9 +245,8 @@ impl Components {
         Self::below(index, Side::Solid, voxel_size, threshold, session)
     }
 
-    /// The components of one side. Inside are values below `threshold`; both it and `voxel_size` are
-    /// in world units. Members of the sets are the parts of all leaves, then the tiles, then the
-    /// unbounded outside.
+    /// The components of one side. Inside are values below `threshold`; both it and `voxel_size` are in world units.
+    /// Members of the sets are the parts of all leaves, then the tiles, then the unbounded outside.
     fn below(
         index: &LeafIndex<'_>,
         side: Side,

@@ -1,7 +1,7 @@
 //! Merging of solids that touch in a plane of voxels.
 //!
 //! A Boolean operation of solids that share a face leaves zeros in the plane of that face, which count as outside and
-//! part them. See the rule at the contacts of fields.
+//! part them. They get the values that [`leaf_contacts`] finds, those of a neighbour.
 
 use super::error::VdbError;
 use super::smooth::{leaf_batches, leaf_of, write_leaves};

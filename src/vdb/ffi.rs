@@ -110,10 +110,9 @@ mod bridge {
         inverted: bool,
     }
 
-    /// A picture of `columns` x `rows` samples: the ray of sample (i, j) passes through
-    /// `corner + (i + 1/2) du + (j + 1/2) dv`, from `eye` or, without perspective, along `forward`. The part
-    /// on the eye's side of the plane `cut` on `cut_axis` (0 to 2; -1: none) is not shown. `light` points to
-    /// the light.
+    /// A picture of `columns` x `rows` samples: the ray of sample (i, j) passes through `corner + (i + 1/2) du + (j +
+    /// 1/2) dv`, from `eye` or, without perspective, along `forward`. The part on the eye's side of the plane `cut` on
+    /// `cut_axis` (0 to 2; -1: none) is not shown. `light` points to the light.
     struct Camera {
         eye: [f64; 3],
         corner: [f64; 3],
@@ -414,9 +413,8 @@ mod bridge {
             host: &Host<'_>,
         ) -> Result<i32>;
 
-        /// Begins a file of grids that were added without leaves. The functions below are called in this
-        /// order, from `stream_grid` on for each grid. Keeps a reference to `host`; the caller must ensure its
-        /// lifetime.
+        /// Begins a file of grids that were added without leaves. The functions below are called in this order, from
+        /// `stream_grid` on for each grid. Keeps a reference to `host`; the caller must ensure its lifetime.
         fn stream_open(
             file: &FileOut,
             descriptor: i32,

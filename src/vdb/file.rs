@@ -140,7 +140,8 @@ fn lookup(metadata: &[(String, String)], key: &str) -> Option<String> {
 /// grids hold floats or vectors of floats.
 ///
 /// # Errors
-/// [`FileError::Io`] for a missing file, [`FileError::Damaged`] for an incomplete one.
+/// [`FileError::Io`] for a missing file, [`FileError::Damaged`] for an incomplete one, [`FileError::NotALevelSet`] for
+/// floats on voxels without a volume.
 pub fn info(path: &Path) -> Result<FileInfo, FileError> {
     let damaged = |e: cxx::Exception| FileError::damaged(path, &e);
     let mut file = open(path, Loading::AtOnce)?;
@@ -193,8 +194,8 @@ pub(super) const DOUBLE_GRID_TYPE: &str = "Tree_double_5_4_3";
 /// Reads a level set. Without a name: the grid `surface`, else the only level set of the file.
 ///
 /// # Errors
-/// [`FileError::Io`], [`FileError::Damaged`], [`FileError::NoGrid`], or [`FileError::NotALevelSet`]
-/// if the grid does not satisfy the guarantees of a [`LevelSet`].
+/// [`FileError::Io`], [`FileError::Damaged`], [`FileError::NoGrid`], [`FileError::NotALevelSet`] for a grid without
+/// the guarantees of a [`LevelSet`] or of the class "fog volume", cancellation, or errors of OpenVDB.
 pub fn read(path: &Path, name: Option<&str>, session: Session<'_>) -> Result<LevelSet, FileError> {
     let found = Volume::read(path, name)?;
     if found.info().class == "fog volume" {

@@ -54,9 +54,9 @@ pub enum Cubes {
 
 /// A converted level set and its repairs.
 pub struct Adopted {
-    /// The level set.
+    /// The level set; in index space where the voxels are no cubes and [`Cubes::IndexSpace`] is chosen.
     pub solid: LevelSet,
-    /// One sentence per repair.
+    /// One sentence per repair, and for what is read as another kind of grid or only noticed.
     pub notes: Vec<String>,
 }
 

@@ -165,7 +165,7 @@ impl ContentHash {
                 self.leaf_of_floats(&head, values, facts.half);
                 continue;
             }
-            // Components per voxel: 3 for vectors.
+            // Components per voxel: 3 for vectors; chunks need at least 1.
             let width = (values.len() / 512).max(1);
             let voxels = values.chunks_exact(width).enumerate();
             let active = voxels.filter(|(v, _)| head.mask[v >> 6] >> (v & 63) & 1 == 1);

@@ -21,8 +21,7 @@ pub(super) struct MemorySource<'a> {
 }
 
 impl<'a> MemorySource<'a> {
-    /// Groups the active leaves and the inner tiles by blocks of 128 voxels, in which analyses read
-    /// them.
+    /// Groups the active leaves and the inner tiles by blocks of 128 voxels, in which analyses read them.
     pub fn new(index: &'a LeafIndex<'a>) -> Self {
         let mut leaves: BTreeMap<Coord, Vec<usize>> = BTreeMap::new();
         for (n, leaf) in index.leaves.iter().enumerate() {

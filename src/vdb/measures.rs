@@ -125,9 +125,8 @@ fn sums(index: &LeafIndex<'_>, leaf: usize, middle: [f64; 3], h: f32) -> [f64; 2
     [sums.area.iter().sum(), sums.volume.iter().sum()]
 }
 
-/// The rows before and after row `number` of a leaf along x, y and z, for central differences.
-/// `faces` are the holders of the neighbours in the order -x, +x, -y, +y, -z, +z. Rows run along z;
-/// row 8 x + y has the voxels (x, y).
+/// The rows before and after row `number` of a leaf along x, y and z, for central differences. `faces` are the holders
+/// of the neighbours in the order -x, +x, -y, +y, -z, +z. Rows run along z; row 8 x + y has the voxels (x, y).
 #[inline(always)]
 fn around(
     index: &LeafIndex<'_>,

@@ -242,9 +242,8 @@ impl LevelSet {
     /// several crossed edges, values below 1e-4 voxel in magnitude (up to 1e-2 beyond 100 voxels, where `f32` is
     /// coarser) are raised to it, so that vertices of different cells never coincide at a voxel.
     ///
-    /// `adaptivity` above 0 merges flat regions, 1 as many as possible; most such meshes intersect
-    /// themselves. Cancellation is checked before and after: OpenVDB's mesher cannot be interrupted (about
-    /// 75 ns per active voxel).
+    /// `adaptivity` above 0 merges flat regions, 1 as many as possible; most such meshes intersect themselves.
+    /// Cancellation is checked before and after: OpenVDB's mesher cannot be interrupted (about 75 ns per active voxel).
     ///
     /// # Errors
     /// [`VdbError::Parameter`] for an adaptivity outside 0 to 1, [`VdbError::Cancelled`], or errors of

@@ -132,8 +132,7 @@ impl LevelSet {
         self.filter("mean", Filter::Mean, width, iterations, session)
     }
 
-    /// Replaces each value by the median over the cube of `2 width + 1` voxels a side around
-    /// it, `iterations` times.
+    /// Replaces each value by the median over the cube of `2 width + 1` voxels a side around it, `iterations` times.
     ///
     /// # Errors
     /// As [`LevelSet::gaussian`].
@@ -154,8 +153,7 @@ impl LevelSet {
         self.filter("laplacian", Filter::Laplacian, 1, iterations, session)
     }
 
-    /// Mean-curvature flow, `iterations` explicit steps of h^2 / 3: every point moves by its mean
-    /// curvature.
+    /// Mean-curvature flow, `iterations` explicit steps of h^2 / 3: every point moves by its mean curvature.
     ///
     /// # Errors
     /// As [`LevelSet::gaussian`].

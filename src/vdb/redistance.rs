@@ -85,8 +85,7 @@ impl LevelSet {
             self.rebuild(operation, rebuild, session)?;
             self.half_width = half_width;
         }
-        // The work for a leaf grows with the third power of the offset, so long offsets go in equal
-        // steps.
+        // The work for a leaf grows with the third power of the offset, so long offsets go in equal steps.
         let steps = Self::offset_steps(outwards / self.voxel_size());
         let rebuild = Rebuild {
             outwards: outwards / steps as f64,

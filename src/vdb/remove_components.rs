@@ -146,8 +146,7 @@ impl LevelSet {
         })
     }
 
-    /// Removes all components of the solid except the largest; of equal ones the first in order of place is
-    /// kept.
+    /// Removes all components of the solid except the largest; of equal ones the first in order of place is kept.
     ///
     /// # Errors
     /// As [`LevelSet::remove`].
@@ -177,8 +176,8 @@ pub(super) struct Edit {
     fill: f32,
 }
 
-/// A removal in terms of `psi`: the distance, negated if voids are removed, so that removed voxels have
-/// psi <= 0 and the other side of their surface has psi > 0.
+/// A removal in terms of `psi`: the distance, negated if voids are removed, so that removed voxels have psi <= 0 and
+/// the other side of their surface has psi >= 0. Zero is void: removed solid and the rest beside voids have none.
 pub(super) struct Removal<'a> {
     index: &'a LeafIndex<'a>,
     /// Removed voxels, for the leaves that have any.
@@ -244,8 +243,7 @@ impl<'a> Removal<'a> {
 
     /// The leaves that change, after the removal, ascending. Tiles are added by the caller.
     pub fn edit(self) -> Edit {
-        // `reset` are the voxels that change: removed ones, and those whose steepest descent leads to
-        // them.
+        // `reset` are the voxels that change: removed ones, and those whose steepest descent leads to them.
         let reset = self.reset_voxels();
         let marched = self.march(&reset);
         let fill = self.sign * self.background;
@@ -263,8 +261,7 @@ impl<'a> Removal<'a> {
             let view = &self.index.leaves[leaf];
             let (mut mask, mut values) = (view.mask, *view.values);
             for n in (0..512).filter(|&n| voxel_mask::contains(bits, n)) {
-                // Near a remaining surface a voxel takes its distance to that, else it becomes
-                // background.
+                // Near a remaining surface a voxel takes its distance to that, else it becomes background.
                 let marched_value = marched.get(&view.voxel(n));
                 values[n] = marched_value.map_or(fill, |psi| self.sign * psi);
                 mask[n >> 6] &= !(1 << (n & 63));
@@ -278,8 +275,8 @@ impl<'a> Removal<'a> {
         edit
     }
 
-    /// Voxels to reset, by leaf: the removed ones, and those on the other side that belong to their surface. By number
-    /// of the leaf.
+    /// The voxels to reset, as bits by number of the leaf: the removed ones, and those on the other side that belong to
+    /// their surface.
     fn reset_voxels(&self) -> HashMap<usize, Bits> {
         let mut reset = self.removed.clone();
         // The other side of the band, nearest to the surface first: the steepest descent of a voxel then leads
@@ -300,7 +297,7 @@ impl<'a> Removal<'a> {
             bits.is_some_and(|bits| voxel_mask::contains(bits, offset(voxel)))
         };
         for (psi, voxel) in other_side {
-            // The neighbour with the greatest slope (psi - psi_n) / |step| of 26.
+            // The neighbour with the greatest slope (psi - psi_n) / |step| of 26; number 13 is the voxel itself.
             let mut steepest = (0.0, None);
             for n in (0..27).filter(|&n| n != 13) {
                 let step = [n / 9 - 1, n / 3 % 3 - 1, n % 3 - 1];
@@ -320,8 +317,8 @@ impl<'a> Removal<'a> {
         reset
     }
 
-    /// Distances of reset voxels to the remaining surfaces within the band, by first-order fast marching from the other
-    /// voxels. By voxel, world units, positive; voxels beyond the band are absent.
+    /// Distances of reset voxels to the remaining surfaces within the band, by first-order fast marching from the active
+    /// voxels that are not reset. By voxel, world units, positive; voxels beyond the band are absent.
     fn march(&self, reset: &HashMap<usize, Bits>) -> HashMap<Coord, f32> {
         let is_reset = |voxel: Coord| {
             let bits = self.index.leaf(voxel).and_then(|leaf| reset.get(&leaf));
@@ -344,7 +341,8 @@ impl<'a> Removal<'a> {
                 };
                 axes[f / 2] = axes[f / 2].min(psi.unwrap_or(f32::INFINITY));
             }
-            // A reset voxel keeps its side of the surface.
+            // Every reset voxel ends outside what remains (psi > 0). Beside a neighbour deeper than a voxel the root is
+            // negative; 1e-3 of a voxel instead, as 0 would count as void on either side.
             upwind(axes, self.voxel_size).max(1e-3 * self.voxel_size)
         };
         // Positive floats sort like their bits.

@@ -114,7 +114,7 @@ impl Volume {
                     + " (a wall of that thickness on each side of its zero set)",
             ));
         }
-        // Active tiles within the band hold distances of cubes of voxels, which no leaf can replace.
+        // Active tiles within the band, by more than rounding, hold distances of cubes, which no leaf can replace.
         if let Some(least) = survey.min_active_tile {
             if f64::from(least) < 0.999 * background.abs().min(largest) {
                 return Err(Refusal::new(

@@ -18,8 +18,7 @@ pub(super) struct Samples {
 const EXTRA_SAMPLES: usize = SAMPLES_PER_EDGE * SAMPLES_PER_EDGE - 1;
 /// Least cosine between the normals of neighbouring pixels on one surface.
 const MIN_NORMAL_COSINE: f32 = 0.85;
-/// Greatest squared sine of the angle between the tangent plane and the line to a neighbouring pixel on one
-/// surface.
+/// Greatest squared sine of the angle between the tangent plane and the line to a neighbouring pixel on one surface.
 const MAX_RISE: f32 = 0.1;
 
 impl Samples {

@@ -142,7 +142,7 @@ impl LevelSet {
             min: trim_box.min + shift,
             max: trim_box.max + shift,
         };
-        // Only near the solid: the box may be far larger.
+        // Only to the end of the band, with two voxels to spare: the box may be far larger.
         let margin = self.background() + 2.0 * self.voxel_size();
         let mut bounds = self.bounds()?;
         if bounds.is_empty() {
@@ -220,8 +220,7 @@ impl LevelSet {
         })
     }
 
-    /// Moves the surface outwards by `distance` times the mask's weight at each point; inwards for a negative
-    /// distance.
+    /// Moves the surface outwards by `distance` times the mask's weight at each point; inwards for a negative distance.
     ///
     /// # Errors
     /// [`VdbError::Parameter`] for an unusable distance or range; else as [`LevelSet::dilate`].

@@ -20,8 +20,7 @@ const PARTS_PER_CELL: u64 = 1 << 20;
 /// Distance of the surface from the low corner of a cell, in voxels, beyond which it does not cut the cell: more
 /// than the cell's diagonal.
 const MAX_CUT_DISTANCE: f32 = 1.8;
-/// A share this much below the threshold still counts: a surface through the middle of a cube gives 0.5 up to
-/// rounding.
+/// A share this much below the threshold still counts: a surface through the middle of a cube gives 0.5 up to rounding.
 const SHARE_TOLERANCE: f64 = 1e-3;
 /// A cube and the solid in it, in parts of a cell ([`PARTS_PER_CELL`]).
 type CubeParts = (Coord, u64);

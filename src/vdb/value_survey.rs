@@ -131,7 +131,8 @@ impl Survey {
             .map_or(0.0, |[low, high]| low.abs().max(high.abs()))
     }
 
-    /// Whether inside and outside are exchanged: values on the bounding box are negative and far from the surface.
+    /// Whether inside and outside are exchanged: values on the bounding box are negative, and one is farther from the
+    /// surface than half of the greatest magnitude.
     pub fn is_inside_out(&self) -> bool {
         self.outer_counts[0] > 0
             && self.outer_counts[1] == 0

@@ -1,6 +1,6 @@
 //! Grids of floats of any class: fog volumes, masks, grids of other programs.
 //!
-//! A grid is read, surveyed and described here; doubles become floats, and for views a large level set its means. A
+//! A grid is read, surveyed and described here; doubles become floats. For views a large level set is averaged. A
 //! level set is made of it by its isosurface, by the foot of a fog's ramp, or in `foreign` by repairs. Grids whose
 //! voxels are not axis-aligned cubes stay in index space until they are resampled.
 

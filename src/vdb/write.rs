@@ -61,9 +61,8 @@ pub struct WrittenFile {
 
 /// Writes a file of named grids with metadata.
 ///
-/// `creator` is `druse/<version>` (a creator that begins with "Houdini" makes Blender turn the
-/// object). Tags are in the metadata of the file and of every grid. Grids stay borrowed until the file is
-/// written.
+/// `creator` is `druse/<version>` (a creator that begins with "Houdini" makes Blender turn the object). Tags are in the
+/// metadata of the file and of every grid. Grids stay borrowed until the file is written.
 ///
 /// ```no_run
 /// # use druse::vdb::{LevelSet, Session, VdbWriter};

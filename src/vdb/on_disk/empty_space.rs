@@ -105,11 +105,12 @@ impl EmptySpace {
                 for n in 0..SLOTS {
                     let shift = [10, 5, 0][axis];
                     let at = n >> shift & (SLOTS_PER_EDGE - 1);
-                    if at != if last { SLOTS_PER_EDGE - 1 } else { 0 } || slots[n] == NO_MEMBER {
+                    let end = if last { SLOTS_PER_EDGE - 1 } else { 0 };
+                    if at != end || slots[n] == NO_MEMBER {
                         continue;
                     }
                     // The slot at the other end of the axis: its five bits are all 0 or all 1.
-                    let facing = n ^ (SLOTS_PER_EDGE - 1) << shift;
+                    let facing = n ^ ((SLOTS_PER_EDGE - 1) << shift);
                     let target = match other.map(|o| o[facing]) {
                         Some(NO_MEMBER) => continue,
                         Some(member) => member as usize,

@@ -57,8 +57,7 @@ impl Faces {
         &self.0[2 * axis + usize::from(last)]
     }
 
-    /// Calls `join` with the labels of this block and of the one before it on an axis that share a voxel
-    /// face.
+    /// Calls `join` with the labels of this block and of the one before it on an axis that share a voxel face.
     pub fn join(&self, axis: usize, before: &Self, mut join: impl FnMut(usize, usize)) {
         let mut theirs = before.of(axis, true);
         for mine in self.of(axis, false) {

@@ -98,6 +98,7 @@ impl<'a> StoredFog<'a> {
         };
         let mut fog = Self {
             store,
+            // Without leaves the least value is infinite, and the weight 0 is not used.
             weight: 1.0 / least_value,
             blocks: BTreeSet::new(),
             counts: FogCounts::default(),
