@@ -1,7 +1,7 @@
 //! Unit cells: symmetric Fourier series in an element's reference frame.
 //!
 //! A cell is a real function Phi = sum over orbits of C exp(2 pi i k.u), invariant under a group of
-//! symmetries of its element, together with the solid: Phi < level, Phi > level or |Phi| < level. With
+//! symmetries of its element, together with the solid: Phi < level, Phi > level, |Phi| < level or |Phi| > level. With
 //! the element's full group, a cell continues across the faces of a mesh for any numbering of the nodes
 //! ([`Cell::fits_any_numbering`]). With a subgroup it continues only between elements of equal
 //! orientation. A function that is not one series (averages, minima, sheets) is an [`Expression`].

@@ -3,7 +3,7 @@
 //! On the face n.x = d the derivative n . grad Phi is a sum of plane waves, one for each in-plane
 //! projection p of the frequencies. It vanishes on the whole face exactly if for every p
 //!
-//! sum over the f with projection p of (f.n) exp(2 pi i f.x0) C = 0     (Chen, Kabaria, Lew, Eq. 11 and 12)
+//! sum over the f with projection p of (f.n) exp(2 pi i f.x0) C = 0     (Chen, Kabaria and Lew)
 //!
 //! with C the complex coefficient of f and x0 the foot of the origin on the face: homogeneous linear
 //! equations A a = 0 in the real orthonormal coefficients a. One face per orbit of the group suffices, and one p per
@@ -85,6 +85,7 @@ fn plane_rows<const D: usize>(
             projection_key(image) <= own && projection_key(-image) <= own
         })
     };
+    // n . grad exp(2 pi i f.x) has the factor 2 pi i (f.n); waves along the plane, f.n = 0, have none.
     let rows = projected(
         basis,
         plane.normal,

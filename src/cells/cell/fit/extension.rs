@@ -6,7 +6,7 @@
 //! | tri, wedge | hex2, hexprism | reflection in the sides | continuous |
 //! | tet | fcc2 | reflection in the cube's faces, then in the tet's | continuous, space group Fm-3m |
 //! | tet | cubic | nothing: the source is given in the whole cube | |
-//! | tet, the paper's method | cubic | reflection of the cube's corners in the tet's faces | jumps where opposite faces of the cube meet |
+//! | tet, method `paper` | cubic | reflection of the cube's corners in the tet's faces | jumps where opposite faces of the cube meet |
 
 use super::FitError;
 use druse_geometry::frame::{Element, Vec3};

@@ -16,8 +16,8 @@ pub enum Method {
     /// element is the period or the lattice is that of the cube around a tet, else those of its continuous
     /// extension by reflection.
     Fft,
-    /// The paper's method, for comparison: `Fft`, but a tet is extended by reflection of the cube's corners in
-    /// its faces, which is discontinuous across the cube's faces.
+    /// The method of Chen, Kabaria and Lew, for comparison: `Fft`, but a tet is extended by reflection of the cube's
+    /// corners in its faces, which is discontinuous across the cube's faces.
     Paper,
 }
 

@@ -66,8 +66,7 @@ impl Source {
             .par_iter()
             .map(|o| symmetric_share(&value, *o, &points, operators))
             .collect();
-        // The share is at most 1, so that 1e-9 is far above rounding.
-        // The tolerance prevents rounding from choosing among equal candidates.
+        // The share is at most 1: with a tolerance of 1e-9 rounding does not choose among equal candidates.
         let best = (0..count).fold(0, |b, n| if kept[n] > kept[b] + 1e-9 { n } else { b });
         Origin {
             place: origins[best].into(),

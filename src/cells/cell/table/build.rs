@@ -254,7 +254,7 @@ impl Spectrum {
         let mut values = vec![Complex64::default(); nx * ny * nz];
         for &(h, [re, im]) in &self.terms {
             // c_h = C_h / prod_a ((2 + cos(2 pi h_a / N_a)) / 3): the sampled spline then has the values of
-            // the series at the grid points (section 7).
+            // the series at the grid points.
             let gain: f64 = (0..3)
                 .map(|a| attenuation(f64::from(h[a]), grid.samples[a] as f64))
                 .product();

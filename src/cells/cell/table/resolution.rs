@@ -150,8 +150,8 @@ impl Table {
 }
 
 impl Spectrum {
-    /// The smallest grid for a root mean square error of at most `rms`, and the spectrum without the waves
-    /// that the grid cannot represent.
+    /// The smallest grid for a root mean square error of at most `rms`, and the spectrum without the waves that it
+    /// cannot represent. With the most samples the error may be greater; [`CellError::TableTooLarge`] if waves are lost.
     fn resolved(mut self, rms: f64) -> Result<(Self, Grid), CellError> {
         // Sampled functions have no exact spectrum to shorten: the default grid holds them.
         if self.sampled.is_some() {

@@ -60,7 +60,7 @@ pub(super) fn error_bounds(products: &Products, grid: &Grid) -> (f64, f64) {
             )
         });
         let product: f64 = of.iter().map(|o| o.0).product();
-        // Error of a wave: see `Spectrum::error_bounds`.
+        // The interpolant keeps `product` of a wave, and its aliases add up to 1 - product (`Spectrum::error_bounds`).
         value += weight.abs() * 2.0 * (1.0 - product);
         for (axis, f) in f.into_iter().enumerate() {
             let (gain, aliases) = of[axis];
