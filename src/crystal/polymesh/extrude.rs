@@ -209,8 +209,8 @@ impl Extrusion {
             let cap = self
                 .cap(mesh.points(f), &mut diagnostics)
                 .map_err(|reason| ExtrudeError::Face { face: f, reason })?;
-            let loops = mesh.face(f);
-            let (n, offset) = (loops.len() as u32, vertices.len() as u32);
+            let base = mesh.face(f);
+            let (n, offset) = (base.len() as u32, vertices.len() as u32);
             vertices.extend(cap.points);
             if cap.has_top {
                 tops.push(faces.len());
@@ -219,7 +219,7 @@ impl Extrusion {
                 // A cap numbers the corners of its base first, then its new points: the former are vertices
                 // of the mesh already.
                 let place = |v: &u32| match v.checked_sub(n) {
-                    None => loops[*v as usize],
+                    None => base[*v as usize],
                     Some(new) => offset + new,
                 };
                 faces.push(face.iter().map(place));

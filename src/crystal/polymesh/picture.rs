@@ -1,8 +1,8 @@
 //! Pictures of polygon meshes: faces in the colours of their groups, with edges between faces.
 //!
 //! The light comes from above the viewer's right shoulder. A depth buffer with 2 x 2 samples per pixel finds the
-//! visible faces; a pixel is the mean of its samples. Edges fade as their number grows, so that they do not cover
-//! fine meshes.
+//! visible faces; a pixel is the mean of its samples. Edges fade where the mean face of the mesh is small in the
+//! picture, so that they do not cover fine meshes.
 
 use super::PolyMesh;
 use druse_geometry::frame::Vec3;

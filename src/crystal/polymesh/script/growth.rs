@@ -78,7 +78,7 @@ impl Count<'_, '_> {
                     column,
                 } => {
                     // After a parameter of the script got a new value its old one is not valid: only a
-                    // count without parameters is known then.
+                    // count without parameters is known then. A count beyond 1e5 is an error of the run.
                     let times = if self.has_parameters {
                         count.number(&|_, _| None).ok()
                     } else {
