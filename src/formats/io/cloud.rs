@@ -1,7 +1,7 @@
 //! Point clouds with normals: PLY, or text with x y z nx ny nz on each line.
 //!
 //! Blanks, commas or semicolons separate the columns of text (`.xyz`, `.pts`, `.csv`, `.txt`). A first line of
-//! names defines the order of the columns. Lines that begin with # and further columns are ignored.
+//! names defines the order of the columns. Lines that begin with # and further columns of numbers are ignored.
 
 use super::error::{Place, ReadError};
 use super::ply;
@@ -75,7 +75,7 @@ fn text(mut source: Source) -> Result<PointFile, ReadError> {
             }
             continue;
         }
-        // Columns that are not named are ignored.
+        // Columns that are not named are ignored, but a word in one makes `numbers` `None`.
         let number = |c: &usize| numbers.as_ref().and_then(|n| n.get(*c)).copied();
         let row: Option<Vec<f64>> = columns.iter().map(number).collect();
         // A line of words, too few columns, or a number beyond 1e18.

@@ -27,7 +27,7 @@ impl Pc2 {
     /// Opens a file and checks its head and its length.
     ///
     /// # Errors
-    /// [`ReadError`]: no such file, another format, a step of zero between samples, or missing data.
+    /// [`ReadError`]: no such file, another format, a step that is not positive, no samples, or missing data.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         let failed = |e| ReadError::io(path, e);
         let invalid =

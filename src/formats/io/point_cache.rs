@@ -28,7 +28,7 @@ impl PointCache {
     /// Opens a file and checks its head and its length; the time codes of a layer are its frames.
     ///
     /// # Errors
-    /// [`ReadError`]: no such file, another format, a step of zero between samples, or missing data.
+    /// [`ReadError`]: no such file, another format, a step that is not positive, no samples, or missing data.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
         let is_usd = path
             .extension()

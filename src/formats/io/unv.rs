@@ -1,8 +1,8 @@
 //! Universal files of I-DEAS, `.unv`: datasets between lines of -1.
 //!
-//! Nodes (datasets 15, 781, 2411), elements (780, 2412) and groups (2417 to 2477) are read; units (164)
-//! produce a note. All other datasets are ignored; lines, springs and masses are counted and skipped. A file
-//! without groups has one per physical property. Second-order elements alternate corners and mid nodes.
+//! Nodes (datasets 15, 781, 2411), elements (780, 2412) and groups (eight numbers from 2417 to 2477) are read; units
+//! (164) produce a note. Old elements (71, 2410) are refused, other datasets ignored; lines, springs and masses are
+//! counted and skipped. A file without groups has one per property. Second-order elements alternate corners and mids.
 //!
 //! A dataset is a line of -1, its number, records and a line of -1. Records are read by words, not by columns.
 
@@ -193,7 +193,6 @@ impl File<'_> {
             let (code, property) = (head[1], head[1 + width]);
             let count = self.number(head.last(), "a number of nodes")?;
             let mut nodes: Vec<u64> = Vec::new();
-            // Beams have an orientation line before their nodes.
             let mut orientation = BEAM_TYPES.contains(&code);
             while (nodes.len() as u64) < count {
                 let line = self.needed("the nodes of an element")?;

@@ -178,7 +178,7 @@ pub(super) fn nodes(file: &mut File) -> Result<(), ReadError> {
             for c in &mut at {
                 *c = file.tokens.double("a coordinate")?;
             }
-            // Parameters on a curve or surface follow the point and are not needed.
+            // Parameters follow the point, as many as the entity has dimensions, and are not needed.
             for _ in 0..parameters {
                 file.tokens.double("a parameter")?;
             }
