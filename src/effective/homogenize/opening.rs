@@ -4,7 +4,7 @@
 //! are those to the points where edges of the grid cross it, handed on from node to node (Danielsson 1980). Nodes
 //! then enter in the order of falling distance, each linked to the deepest node of every component beside it.
 //! A link that closes a loop around the period is a way to the next one. The node that closes the last axis is the
-//! throat. A throat between nodes is found too narrow by at most 0.87 of their distance, never too wide by more
+//! throat. A throat between nodes is found too narrow by at most sqrt(3)/2 of their distance, never too wide by more
 //! than the curvature of the wall within one such distance; on planes and lines of symmetry nodes are exact.
 
 use std::cmp::Reverse;

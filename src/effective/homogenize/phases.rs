@@ -217,7 +217,7 @@ impl Samples {
             } else {
                 high = level;
             }
-            // A Newton step that leaves the bracket, or divides by 0, gives way to bisection.
+            // A Newton step that leaves the bracket, or divides by 0, gives way to bisection. Steps of 1e-13 are rounding.
             let newton = level - (found - fraction) / rate;
             let next = if newton > low && newton < high {
                 newton

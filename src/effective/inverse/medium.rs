@@ -157,7 +157,7 @@ impl Medium {
     }
 
     /// Derivatives of a cost by the share of the moduli in each voxel, from the solutions of the last call of
-    /// [`Medium::effective`] with the same shares.
+    /// [`Medium::effective`] with the same shares. Properties are means over the voxels, hence `scale`.
     ///
     /// # Errors
     /// As [`Medium::effective`].

@@ -400,7 +400,7 @@ impl Prepared {
         Ok(false)
     }
 
-    /// The candidate whose sharp voxels are connected and have the least objective on the finer grid.
+    /// The connected candidate with the least objective on the finer grid, or, stopped, by its last evaluation.
     fn finish(
         &self,
         all: &[Candidate],

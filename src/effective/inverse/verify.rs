@@ -63,7 +63,7 @@ pub(super) fn figures(
 /// greatest balls, on at least `n` nodes along the period, and at most 128.
 ///
 /// # Errors
-/// [`InverseError`] of an element without a period.
+/// [`InverseError`] of a cell without a period, see [`Period::of_cell`].
 pub fn ways(cell: &Cell, n: usize) -> Result<(f64, Vec<Way>), InverseError> {
     let period = Period::of_cell(cell.clone(), Packing::Bcc)?;
     // Throats of common surfaces lie at multiples of an eighth of the period.
