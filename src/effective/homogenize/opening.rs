@@ -171,7 +171,7 @@ impl Forest {
 }
 
 /// The opening of the void where `values` at the nodes are positive; the ball's centre stays on nodes for which
-/// `belongs` is true. The default, of radius 0, where no way leads along all three axes.
+/// `belongs` is true. The default, of radius 0, where no way leads along all three axes (7, a bit for each).
 pub fn opening(n: usize, values: &[f64], belongs: impl Fn(usize) -> bool) -> Opening {
     let nodes = Nodes(n);
     let distances = signed_distances(nodes, values);
