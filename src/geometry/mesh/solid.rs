@@ -144,6 +144,12 @@ impl MeshSolid {
         }
     }
 
+    /// The volume, or `None` for an open surface and one whose parts were united: that of the mesh is another one.
+    pub fn volume(&self) -> Option<f64> {
+        let is_whole = self.surface().count() == self.mesh.triangles().len();
+        (self.is_cycle() && is_whole).then(|| self.mesh.volume())
+    }
+
     /// The parts of the surface with the numbers of their triangles, without caps.
     #[doc(hidden)]
     pub fn surface(&self) -> impl Iterator<Item = ([Vec3; 3], u32)> + '_ {

@@ -11,7 +11,7 @@ use delaunay::Delaunay;
 use druse_geometry::frame::Vec3;
 use druse_geometry::mesh::MeshSolid;
 use druse_geometry::progress::{Cancelled, Progress};
-use improve::{TetMesh, quality};
+use improve::{SLIVER_QUALITY, TetMesh, quality};
 use nodes::{Bins, Nodes, Part, Site};
 use rayon::prelude::*;
 use std::collections::{BTreeSet, HashSet};
@@ -32,6 +32,10 @@ const MAX_EDGE_SAG: f64 = 0.08;
 const MIN_PART_LENGTH: f64 = 1.0 / 32.0;
 /// Tets of less quality that lie on the surface have no volume: they are no part of the body.
 const FLAT_QUALITY: f64 = 0.02;
+/// How often cells are halved where tets are slivers or the volume is missing.
+const REFINEMENTS: usize = 3;
+/// Share of the volume that may be missing.
+const MAX_VOLUME_ERROR: f64 = 0.004;
 /// Most nodes of a filling.
 const MAX_NODES: f64 = 2e7;
 
@@ -83,9 +87,48 @@ impl Scaffold {
                 what: "nodes",
             });
         }
-        // Creases, then nodes, then tets and added nodes, then better tets, then curved edges.
         let creases = Creases::of(solid);
-        let nodes = Nodes::of(solid, &creases, cell, progress)?;
+        let fill = |finer: &[(Vec3, f64)]| Trial::new(solid, &creases, options, finer, progress);
+        let mut best = fill(&[])?;
+        // Where tets are slivers or the volume is missing, cells are halved; the first of equally good trials counts.
+        let mut finer = best.faults.clone();
+        for _ in 0..REFINEMENTS {
+            if best.badness == 0.0 || finer.is_empty() {
+                break;
+            }
+            let trial = fill(&finer)?;
+            finer.extend(&trial.faults);
+            // A better mesh in more pieces is none.
+            if trial.badness < best.badness && trial.components <= best.components {
+                best = trial;
+            }
+        }
+        Ok(best.filled)
+    }
+}
+
+/// A filling with its faults.
+struct Trial {
+    filled: Filled,
+    /// Places that need smaller cells, with their sizes.
+    faults: Vec<(Vec3, f64)>,
+    /// The number of slivers; ten thousandths of the volume beyond [`MAX_VOLUME_ERROR`] count as one.
+    badness: f64,
+    components: usize,
+}
+
+impl Trial {
+    /// Fills a solid with cells of given sizes around some places: creases, then nodes, then tets and added nodes, then
+    /// better tets, then curved edges.
+    fn new(
+        solid: &MeshSolid,
+        creases: &Creases,
+        options: FillOptions,
+        finer: &[(Vec3, f64)],
+        progress: &dyn Progress,
+    ) -> Result<Self, ScaffoldError> {
+        let cell = options.cell;
+        let nodes = Nodes::of(solid, creases, cell, finer, progress)?;
         let body = Body {
             solid,
             nodes,
@@ -94,14 +137,15 @@ impl Scaffold {
             outer_edges: HashSet::new(),
             progress,
         };
-        let body = body.meshed(&creases)?;
+        let body = body.meshed(creases)?;
         if body.tets.is_empty() {
             return Err(ScaffoldError::Empty);
         }
         let lost = body.lost();
         // Edges along creases are kept while tets are improved.
         let edges = body.crease_edges();
-        let mut tets = TetMesh::new(body.nodes.all, body.tets, edges, solid, &creases);
+        let Nodes { all, sizes, .. } = body.nodes;
+        let mut tets = TetMesh::new(all, body.tets, edges, solid, creases, cell);
         tets.improve(progress)?;
         let (mut nodes, tets, edges) = tets.finished();
         let body = curve::StraightBody {
@@ -109,11 +153,28 @@ impl Scaffold {
             tets: &tets,
             crease_edges: &edges,
         };
-        let curved = curve::curved(solid, &creases, body, options.order, progress)?;
-        Ok(Filled {
-            scaffold: curved.scaffold,
-            straight: curved.straight,
-            lost,
+        let curved = curve::curved(solid, creases, body, options.order, progress)?;
+        let places = tets.iter().map(|t| t.map(|n| nodes[n as usize].place));
+        let slivers = places.filter(|&t| quality(t) < SLIVER_QUALITY);
+        let mut faults: Vec<Vec3> = slivers.map(|t| t.iter().sum::<Vec3>() / 4.0).collect();
+        let mut badness = faults.len() as f64;
+        if let Some(volume) = solid.volume() {
+            let own: f64 = curved.scaffold.elements().map(|e| e.volume()).sum();
+            let excess = (own / volume - 1.0).abs() - MAX_VOLUME_ERROR;
+            if excess > 0.0 {
+                badness += 1e4 * excess;
+                faults.extend(curved.straight.iter().chain(&lost));
+            }
+        }
+        Ok(Self {
+            components: curved.scaffold.components().len(),
+            filled: Filled {
+                scaffold: curved.scaffold,
+                straight: curved.straight,
+                lost,
+            },
+            faults: faults.into_iter().map(|p| (p, sizes.at(p) / 2.0)).collect(),
+            badness,
         })
     }
 }
@@ -163,6 +224,8 @@ impl Body<'_> {
         let progress = body.progress;
         progress.stage("tets", Some(order.len() as u64));
         let mut last = 0;
+        // Most tets of a round are those of the round before.
+        let mut known: Vec<([u32; 4], bool)> = Vec::new();
         for round in 0..=MAX_ROUNDS {
             for n in order.drain(..) {
                 if progress.cancelled() {
@@ -177,13 +240,14 @@ impl Body<'_> {
                 .tets()
                 .map(|t| t.map(|n| node_of[n as usize]))
                 .collect();
-            let inside: Vec<bool> = all.par_iter().map(|&t| body.is_inside(t)).collect();
-            body.tets = all
-                .into_iter()
-                .zip(inside)
-                .filter(|t| t.1)
-                .map(|t| t.0)
-                .collect();
+            let inside = |t: [u32; 4]| match known.binary_search_by_key(&t, |k| k.0) {
+                Ok(at) => known[at],
+                Err(_) => (t, body.is_inside(t)),
+            };
+            let all: Vec<([u32; 4], bool)> = all.into_par_iter().map(inside).collect();
+            body.tets = all.iter().filter(|t| t.1).map(|t| t.0).collect();
+            known = all;
+            known.par_sort_unstable();
             // The edges of outer faces: a crease must be a chain of them.
             let faces = outer_faces(&body.tets);
             body.outer_edges = faces
@@ -291,7 +355,9 @@ impl Body<'_> {
         let largest = places.iter().flatten().flatten().map(|p| p.1);
         let mut bins = Bins::new(largest.fold(0.0, f64::max));
         for (place, spacing) in places.into_iter().flatten().flatten() {
-            if bins.any(place, |n| (self.nodes.place(n) - place).norm() < spacing) {
+            if bins.any(place, spacing, |n| {
+                (self.nodes.place(n) - place).norm() < spacing
+            }) {
                 continue;
             }
             let node = self.nodes.push(place, Site::Face);
@@ -376,6 +442,48 @@ mod tests {
                 );
             }
         }
+    }
+
+    /// A rod of 104 facets, each as long as it and a sixth of a cell wide: slivers lay along them. The ruler is the
+    /// mean ratio in another form, and the volume of the polygon.
+    #[test]
+    fn narrow_facets_make_no_slivers() {
+        let (sides, height) = (104, 8.0);
+        let at = |i: u32, z: f64| {
+            let angle = std::f64::consts::TAU * f64::from(i % sides) / f64::from(sides);
+            Vec3::new(angle.cos(), angle.sin(), z)
+        };
+        let mut corners = Vec::new();
+        for i in 0..sides {
+            let [a, b, c, d] = [at(i, 0.0), at(i + 1, 0.0), at(i + 1, height), at(i, height)];
+            let middle = |z: f64| Vec3::new(0.0, 0.0, z);
+            corners.extend([a, b, c, a, c, d, middle(0.0), b, a, middle(height), d, c]);
+        }
+        let triangles = (0..4 * sides).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]);
+        let rod = TriMesh::new(corners, triangles.collect()).unwrap().merged();
+        let options = FillOptions {
+            cell: 0.4,
+            order: Some(2),
+        };
+        let s = Scaffold::filled(&MeshSolid::new(rod), options, &Silent)
+            .unwrap()
+            .scaffold;
+        let ratio = |e: usize| {
+            let t = &s.connectivity().nodes(e)[..4];
+            let [a, b, c, d] = [0, 1, 2, 3].map(|i| s.nodes()[t[i] as usize]);
+            let volume = (b - a).cross(&(c - a)).dot(&(d - a)) / 6.0;
+            let sides = [b - a, c - b, a - c, d - a, d - b, d - c];
+            let mean = sides.iter().map(Vec3::norm_squared).sum::<f64>() / 6.0;
+            // 6 sqrt 2 V is the cubed edge of a regular tet.
+            (72.0 * volume * volume).cbrt().copysign(volume) / mean
+        };
+        let least = (0..s.len()).map(ratio).fold(1.0, f64::min);
+        let area = f64::from(sides) * (std::f64::consts::TAU / f64::from(sides)).sin() / 2.0;
+        let share = volume(&s) / (area * height);
+        assert!(
+            least > 0.1 && (share - 1.0).abs() < 0.005,
+            "{least} {share}"
+        );
     }
 
     /// Straight tets cut a ball short, curved ones follow it.

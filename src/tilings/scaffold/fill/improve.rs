@@ -28,6 +28,10 @@ const NEARLY_PLANE_COSINE: f64 = 0.94;
 const FLAT_QUALITY: f64 = 0.12;
 /// Greatest distance from the surface of the middle of such an edge, as a share of its length.
 const MAX_SAG: f64 = 0.08;
+/// Straight tets below this quality are slivers: no solver accepts them.
+pub(super) const SLIVER_QUALITY: f64 = 0.1;
+/// Most volume that the merging of two nodes of a sliver may move, cells: a thousandth of a tet's or so.
+const MAX_MERGED_VOLUME: f64 = 1e-3;
 /// 1 + the cosine of 130 degrees: wider angles at the surface count as bad.
 const WIDE_ANGLE: f64 = 0.357;
 /// Corners of the face opposite to each corner, counter-clockwise seen from outside.
@@ -65,10 +69,18 @@ pub(super) struct TetMesh<'a> {
     /// Corners with positive volume; `u32::MAX` for a removed tet.
     pub tets: Vec<[u32; 4]>,
     around: Vec<Vec<u32>>,
+    /// When a tet around each node changed last, and when a change of each tet and each node was last tried in vain:
+    /// it is not tried again before something near it changes.
+    changed: Vec<u32>,
+    tried_tets: Vec<u32>,
+    tried_nodes: Vec<u32>,
+    now: u32,
     /// Edges that lie on creases, ascending.
     crease_edges: BTreeSet<[u32; 2]>,
     solid: &'a MeshSolid,
     creases: &'a Creases,
+    /// Length of an edge, about.
+    cell: f64,
 }
 
 fn ordered(a: u32, b: u32) -> [u32; 2] {
@@ -83,6 +95,7 @@ impl<'a> TetMesh<'a> {
         crease_edges: BTreeSet<[u32; 2]>,
         solid: &'a MeshSolid,
         creases: &'a Creases,
+        cell: f64,
     ) -> Self {
         let mut around = vec![Vec::new(); nodes.len()];
         for (t, corners) in (0u32..).zip(&tets) {
@@ -91,13 +104,37 @@ impl<'a> TetMesh<'a> {
             }
         }
         Self {
+            changed: vec![0; nodes.len()],
+            tried_tets: vec![0; tets.len()],
+            tried_nodes: vec![0; nodes.len()],
+            now: 0,
             nodes,
             tets,
             around,
             crease_edges,
             solid,
             creases,
+            cell,
         }
+    }
+
+    /// Marks the nodes of a tet as changed.
+    fn touch(&mut self, tet: [u32; 4]) {
+        self.now += 1;
+        for n in tet {
+            self.changed[n as usize] = self.now;
+        }
+    }
+
+    /// Whether something that a change of a tet depends on is newer than the last trial.
+    fn is_worth_a_trial(&self, t: u32) -> bool {
+        let last = self.tried_tets[t as usize];
+        let node_tets = self.tets[t as usize].map(|n| &self.around[n as usize]);
+        let mut near = node_tets
+            .into_iter()
+            .flatten()
+            .flat_map(|&u| self.tets[u as usize]);
+        last == 0 || near.any(|n| self.changed[n as usize] > last)
     }
 
     fn place(&self, n: u32) -> Vec3 {
@@ -133,7 +170,9 @@ impl<'a> TetMesh<'a> {
     /// Replaces tets by others that fill the same space.
     fn replace(&mut self, old: &[u32], new: &[[u32; 4]]) {
         for &t in old {
-            for n in self.tets[t as usize] {
+            let corners = self.tets[t as usize];
+            self.touch(corners);
+            for n in corners {
                 self.around[n as usize].retain(|&u| u != t);
             }
             self.tets[t as usize] = REMOVED_TET;
@@ -142,9 +181,12 @@ impl<'a> TetMesh<'a> {
             let t = old.get(i).copied().unwrap_or(self.tets.len() as u32);
             if t as usize == self.tets.len() {
                 self.tets.push(corners);
+                self.tried_tets.push(0);
             } else {
                 self.tets[t as usize] = corners;
+                self.tried_tets[t as usize] = 0;
             }
+            self.touch(corners);
             for n in corners {
                 self.around[n as usize].push(t);
             }
@@ -168,8 +210,14 @@ impl<'a> TetMesh<'a> {
                     return Err(Cancelled);
                 }
                 progress.advance(1);
-                if self.is_bad(t) && self.exchange(t) {
+                if !self.is_bad(t) || !self.is_worth_a_trial(t) {
+                    continue;
+                }
+                if self.exchange(t) {
                     changes += 1;
+                } else {
+                    self.now += 1;
+                    self.tried_tets[t as usize] = self.now;
                 }
             }
             let nodes: BTreeSet<u32> = bad
@@ -181,8 +229,18 @@ impl<'a> TetMesh<'a> {
                 if progress.cancelled() {
                     return Err(Cancelled);
                 }
+                let last = self.tried_nodes[n as usize];
+                if last > 0 && self.changed[n as usize] < last {
+                    continue;
+                }
                 if self.smooth(n) {
                     changes += 1;
+                    for i in 0..self.around[n as usize].len() {
+                        self.touch(self.tets[self.around[n as usize][i] as usize]);
+                    }
+                } else {
+                    self.now += 1;
+                    self.tried_nodes[n as usize] = self.now;
                 }
             }
             // The last few changes are not worth a round over all tets.
@@ -190,8 +248,91 @@ impl<'a> TetMesh<'a> {
                 break;
             }
         }
+        self.merge_slivers(progress)?;
         self.tets.retain(|t| *t != REMOVED_TET);
         Ok(())
+    }
+
+    /// Merges nodes of tets that are still slivers, shortest edges first, where the body's volume changes little.
+    fn merge_slivers(&mut self, progress: &dyn Progress) -> Result<(), Cancelled> {
+        // A merge makes new tets around it, which a second pass sees.
+        for _ in 0..2 {
+            for t in 0..self.tets.len() as u32 {
+                if progress.cancelled() {
+                    return Err(Cancelled);
+                }
+                let tet = self.tets[t as usize];
+                if tet == REMOVED_TET || quality(tet.map(|n| self.place(n))) >= SLIVER_QUALITY {
+                    continue;
+                }
+                let [a, b, c, d] = tet;
+                let mut pairs = [(a, b), (a, c), (a, d), (b, c), (b, d), (c, d)];
+                let length = |&(p, q): &(u32, u32)| (self.place(p) - self.place(q)).norm();
+                pairs.sort_by(|x, y| length(x).total_cmp(&length(y)));
+                let mut pairs = pairs.into_iter();
+                let _ = self.peel(t)
+                    || pairs.any(|(p, q)| self.merge_near(p, q) || self.merge_near(q, p));
+            }
+        }
+        Ok(())
+    }
+
+    /// Moves a node onto a neighbour on the same face, crease or inside as [`Self::merge`], but also where the volume
+    /// changes a little.
+    fn merge_near(&mut self, from: u32, to: u32) -> bool {
+        let (source, target) = (self.nodes[from as usize].site, self.nodes[to as usize].site);
+        let is_crease = self.crease_edges.contains(&ordered(from, to));
+        let may = match source {
+            Site::Corner => false,
+            Site::Crease(_) => is_crease,
+            Site::Face => target != Site::Inside,
+            Site::Inside => true,
+        };
+        if !may || !self.keeps_topology(from, to) {
+            return false;
+        }
+        if !self.merge_within(from, to, MAX_MERGED_VOLUME * self.cell.powi(3)) {
+            return false;
+        }
+        // The crease goes on from the other neighbour to `to`.
+        let edges = self.crease_edges.iter().filter(|e| e.contains(&from));
+        let edges: Vec<[u32; 2]> = edges.copied().collect();
+        for edge in edges {
+            self.crease_edges.remove(&edge);
+            let other = if edge[0] == from { edge[1] } else { edge[0] };
+            if other != to {
+                self.crease_edges.insert(ordered(other, to));
+            }
+        }
+        true
+    }
+
+    /// Whether nodes that are joined to both ends of an edge are joined by a tet of that edge, and nodes joined to both
+    /// on the surface by an outer face of it: then no parts of the body touch anew when the ends are merged.
+    fn keeps_topology(&self, a: u32, b: u32) -> bool {
+        let [near_a, near_b] = [a, b].map(|n| self.neighbours(n, false));
+        let edge_tets = self.around_all(&[a, b]);
+        let ring = edge_tets.iter().flat_map(|&t| self.tets[t as usize]);
+        let ring: BTreeSet<u32> = ring.filter(|&n| n != a && n != b).collect();
+        if !near_a.intersection(&near_b).eq(ring.iter()) {
+            return false;
+        }
+        let [near_a, near_b] = [a, b].map(|n| self.neighbours(n, true));
+        let is_inner = near_a.is_empty() || near_b.is_empty();
+        is_inner || near_a.contains(&b) && near_a.intersection(&near_b).count() == 2
+    }
+
+    /// The nodes that share a tet with a node, or an outer face.
+    fn neighbours(&self, n: u32, is_outer: bool) -> BTreeSet<u32> {
+        let node_tets = self.around[n as usize]
+            .iter()
+            .map(|&t| self.tets[t as usize]);
+        let all = node_tets.flat_map(|tet| {
+            let node_faces = faces(tet).into_iter().filter(|f| f.contains(&n));
+            let counted = node_faces.filter(|f| !is_outer || self.around_all(f).len() == 1);
+            counted.flatten().collect::<Vec<u32>>()
+        });
+        all.filter(|&m| m != n).collect()
     }
 
     /// Whether a tet exists and has less than a good quality.
@@ -244,15 +385,21 @@ impl<'a> TetMesh<'a> {
                     && !self.is_on_outer_face(tet[top])
                     && rest.iter().all(|&i| near([i, top]))
             }
-            // The edge of both outer faces is that of the corners opposite to the inner faces.
+            // The edge of both outer faces is that of the corners opposite to the inner faces. The other edge comes
+            // to the surface, which must not touch itself there.
             (&[p, q], &[r, s]) => {
-                self.around_all(&[tet[r], tet[s]]).len() == 1 && !is_crease(r, s) && near([p, q])
+                self.around_all(&[tet[r], tet[s]]).len() == 1
+                    && !is_crease(r, s)
+                    && !self.is_outer_edge(tet[p], tet[q])
+                    && near([p, q])
             }
-            // Opposite to the one inner face: a node that no other tet has.
+            // Opposite to the one inner face: a flap. Its tip and edges may have other tets, which it touches only.
             (rest, &[top]) => {
-                self.nodes[tet[top] as usize].site == Site::Face
-                    && self.around[tet[top] as usize].len() == 1
-                    && rest.iter().all(|&i| near([i, top]))
+                let is_tip_free = self.around[tet[top] as usize].len() > 1
+                    || self.nodes[tet[top] as usize].site == Site::Face;
+                let is_free =
+                    |i: usize| !is_crease(i, top) || self.around_all(&[tet[i], tet[top]]).len() > 1;
+                is_tip_free && rest.iter().all(|&i| is_free(i) && near([i, top]))
             }
             _ => false,
         };
@@ -260,6 +407,14 @@ impl<'a> TetMesh<'a> {
             self.replace(&[t], &[]);
         }
         may
+    }
+
+    /// Whether an edge has an outer face.
+    fn is_outer_edge(&self, a: u32, b: u32) -> bool {
+        self.around_all(&[a, b]).into_iter().any(|t| {
+            let mut edge_faces = faces(self.tets[t as usize]).into_iter();
+            edge_faces.any(|f| f.contains(&a) && f.contains(&b) && self.around_all(&f).len() == 1)
+        })
     }
 
     /// Whether a node has an outer face.
@@ -417,6 +572,12 @@ impl<'a> TetMesh<'a> {
             Site::Face if target.site != Site::Inside => {}
             _ => return false,
         }
+        self.merge_within(from, to, 0.0)
+    }
+
+    /// Moves a node onto a neighbour if the worst tet around becomes better, and the volume changes by at most
+    /// `tolerance` and rounding.
+    fn merge_within(&mut self, from: u32, to: u32, tolerance: f64) -> bool {
         let old = self.around[from as usize].clone();
         let corners: Vec<[u32; 4]> = old.iter().map(|&t| self.tets[t as usize]).collect();
         // The tets without `to` keep their place with `to` for `from`; those with both vanish.
@@ -431,13 +592,13 @@ impl<'a> TetMesh<'a> {
         let volume = |tets: &[[u32; 4]]| -> f64 {
             let volumes = tets.iter().map(|t| {
                 let [a, b, c, d] = t.map(|n| self.place(n));
-                (b - a).cross(&(c - a)).dot(&(d - a))
+                (b - a).cross(&(c - a)).dot(&(d - a)) / 6.0
             });
             volumes.sum()
         };
-        // The same space only if the outer faces at the node are plane, or there are none.
+        // Exactly the same space only if the outer faces at the node are plane, or there are none.
         let (before, after) = (volume(&corners), volume(&new));
-        if (before - after).abs() > 1e-9 * before {
+        if (before - after).abs() > 1e-9 * before + tolerance {
             return false;
         }
         self.replace(&old, &new);

@@ -19,6 +19,8 @@ const GROWTH: f64 = 0.5;
 const LEVELS: usize = 6;
 /// Greatest turn of a crease between two of its nodes: 36 degrees.
 const MAX_TURN: f64 = std::f64::consts::PI / 5.0;
+/// Greatest length of an edge along a crease, as a share of h: a cell's own edges are never halved for it.
+const MAX_PART_LENGTH: f64 = 1.2;
 /// Least distance of nodes on faces, as a share of h.
 const FACE_SPACING: f64 = 0.8;
 /// Least distance of inner nodes from others and from the surface, as shares of h.
@@ -28,6 +30,9 @@ const INNER_DEPTH: f64 = 0.55;
 const SAME_SIDE_COSINE: f64 = 0.3;
 /// Distance of places on a face that may become nodes, as a share of h.
 const CANDIDATE_STEP: f64 = 0.2;
+
+/// Triangles of more steps along their longest side than this that are narrower than one are needles.
+const MIN_NEEDLE_COUNT: usize = 40;
 
 /// What a node lies on, and so where it may move to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,51 +59,59 @@ pub(super) struct Part {
     pub span: [f64; 2],
 }
 
-/// Nodes by place, in boxes of one cell.
+/// Nodes by place, in boxes of one cell, of half a cell, and so on: where nodes are dense a search goes to small boxes.
 pub(super) struct Bins {
     size: f64,
-    bins: HashMap<[i64; 3], Vec<u32>>,
+    levels: [HashMap<[i64; 3], Vec<u32>>; LEVELS],
 }
 
 impl Bins {
-    /// Empty bins of this edge, world units.
+    /// Empty bins whose largest have this edge, world units.
     pub fn new(size: f64) -> Self {
         Self {
             size,
-            bins: HashMap::new(),
+            levels: Default::default(),
         }
     }
 
-    /// The bin of a place, by rounding down.
-    fn bin(&self, p: Vec3) -> [i64; 3] {
-        [p.x, p.y, p.z].map(|c| (c / self.size).floor() as i64)
+    /// The bin of a place on a level, by rounding down.
+    fn bin(&self, level: usize, p: Vec3) -> [i64; 3] {
+        let size = self.size / (1 << level) as f64;
+        [p.x, p.y, p.z].map(|c| (c / size).floor() as i64)
     }
 
     /// Adds a node at its place; nodes at one place are kept apart.
     pub fn add(&mut self, p: Vec3, node: u32) {
-        self.bins.entry(self.bin(p)).or_default().push(node);
+        for level in 0..LEVELS {
+            let bin = self.bin(level, p);
+            self.levels[level].entry(bin).or_default().push(node);
+        }
     }
 
-    /// Whether a node fits the test among those at most one cell from a place.
-    pub fn any(&self, p: Vec3, mut test: impl FnMut(u32) -> bool) -> bool {
-        let [x, y, z] = self.bin(p);
+    /// Whether a node fits the test among those at most `radius` from a place, and some beyond. A radius is at most the
+    /// edge of the largest bins.
+    pub fn any(&self, p: Vec3, radius: f64, mut test: impl FnMut(u32) -> bool) -> bool {
+        // The smallest bins whose 27 around a place hold the ball: size / 2^level >= radius.
+        let level = (self.size / radius).log2().floor();
+        let level = level.clamp(0.0, (LEVELS - 1) as f64) as usize;
+        let [x, y, z] = self.bin(level, p);
         let around = (x - 1..=x + 1).flat_map(|i| {
             (y - 1..=y + 1).flat_map(move |j| (z - 1..=z + 1).map(move |k| [i, j, k]))
         });
-        let bins = around.filter_map(|b| self.bins.get(&b));
+        let bins = around.filter_map(|b| self.levels[level].get(&b));
         bins.flatten().any(|&n| test(n))
     }
 }
 
 /// The size h(x) of cells.
-struct Sizes {
+pub(super) struct Sizes {
     cell: f64,
     /// Places by size, each rounded down to a power of two of the cell.
     levels: Vec<(f64, Vec<Vec3>, Bvh)>,
 }
 
 impl Sizes {
-    fn new(cell: f64, sources: &[(Vec3, f64)]) -> Self {
+    pub fn new(cell: f64, sources: &[(Vec3, f64)]) -> Self {
         let mut levels: Vec<Vec<Vec3>> = vec![Vec::new(); LEVELS];
         for &(place, size) in sources {
             // Half powers would grade better, but quarter cells are few.
@@ -116,7 +129,8 @@ impl Sizes {
         }
     }
 
-    fn at(&self, p: Vec3) -> f64 {
+    /// The size at a place.
+    pub fn at(&self, p: Vec3) -> f64 {
         let mut size = self.cell;
         for (least, places, tree) in &self.levels {
             // Only nearer places make the size less.
@@ -139,27 +153,31 @@ pub(super) struct Nodes {
     pub all: Vec<Node>,
     /// The edges along creases.
     pub parts: Vec<Part>,
+    /// The distances of nodes that were wanted.
+    pub sizes: Sizes,
 }
 
 impl Nodes {
-    /// Places nodes about `cell` apart.
+    /// Places nodes about `cell` apart, nearer around the places of `finer`, which have sizes.
     pub(super) fn of(
         solid: &MeshSolid,
         creases: &Creases,
         cell: f64,
+        finer: &[(Vec3, f64)],
         progress: &dyn Progress,
     ) -> Result<Self, Cancelled> {
         let mut nodes = Self {
             all: Vec::new(),
             parts: Vec::new(),
+            sizes: Sizes::new(cell, finer),
         };
         nodes.add_creases(creases, cell);
         nodes.separate_creases(creases, cell);
-        let sources: Vec<(Vec3, f64)> = nodes
+        let sources = nodes
             .parts
             .iter()
-            .flat_map(|p| p.ends.map(|n| (nodes.place(n), p.span[1] - p.span[0])))
-            .collect();
+            .flat_map(|p| p.ends.map(|n| (nodes.place(n), p.span[1] - p.span[0])));
+        let sources: Vec<(Vec3, f64)> = sources.chain(finer.iter().copied()).collect();
         let sizes = Sizes::new(cell, &sources);
         let mut bins = Bins::new(cell);
         for n in 0..nodes.all.len() as u32 {
@@ -167,6 +185,7 @@ impl Nodes {
         }
         nodes.add_faces((solid, creases), &sizes, &mut bins, progress)?;
         nodes.add_inside(solid, &sizes, &mut bins, progress)?;
+        nodes.sizes = sizes;
         Ok(nodes)
     }
 
@@ -266,8 +285,8 @@ impl Nodes {
         }
     }
 
-    /// Halves edges along creases whose ball holds another node, in at most [`LEVELS`] passes. Edges of at most twice
-    /// the least size stay.
+    /// Halves edges along creases whose ball holds another node, or that are too long for the sizes, in at most
+    /// [`LEVELS`] passes. Edges of at most twice the least size stay.
     fn separate_creases(&mut self, creases: &Creases, cell: f64) {
         let least = cell / (1 << (LEVELS - 1)) as f64;
         for _ in 0..LEVELS {
@@ -280,10 +299,12 @@ impl Nodes {
                 let (middle, radius) = ((a + b) / 2.0, (b - a).norm() / 2.0);
                 // Nodes on the sphere itself do not count.
                 let limit = radius * (1.0 - 1e-9);
-                p.span[1] - p.span[0] > 2.0 * least
-                    && bins.any(middle, |n| {
-                        !p.ends.contains(&n) && (self.place(n) - middle).norm() < limit
-                    })
+                let length = p.span[1] - p.span[0];
+                let is_beside =
+                    |n: u32| !p.ends.contains(&n) && (self.place(n) - middle).norm() < limit;
+                length > 2.0 * least
+                    && (length > MAX_PART_LENGTH * self.sizes.at(middle)
+                        || bins.any(middle, radius, is_beside))
             };
             let encroached: Vec<bool> = self.parts.par_iter().map(is_encroached).collect();
             for part in (0..encroached.len()).filter(|&p| encroached[p]) {
@@ -306,35 +327,35 @@ impl Nodes {
         let triangles: Vec<[Vec3; 3]> = solid.surface().map(|(c, _)| c).collect();
         progress.stage("faces", Some(triangles.len() as u64));
         let seed = solid.bounds().min;
+        let (nodes, crease_bins) = (&*self, &*bins);
         let mut candidates: Vec<FacePlace> = triangles
             .par_iter()
             .flat_map_iter(|&corners| {
                 let n = normal(corners);
-                let [a, u, v] = [corners[0], corners[1] - corners[0], corners[2] - corners[0]];
-                let longest = u.norm().max(v.norm()).max((u - v).norm());
                 let step = CANDIDATE_STEP * sizes.at(corners.iter().sum::<Vec3>() / 3.0);
-                // 4096 bounds the candidates of one large triangle.
-                let count = (longest / step).ceil().clamp(1.0, 4096.0) as usize;
                 let is_skipped = n == Vec3::zeros() || progress.cancelled();
-                let count = if is_skipped { 0 } else { count };
                 progress.advance(1);
-                (0..count).flat_map(move |i| {
-                    (0..count - i).map(move |j| {
-                        // Centroids of the small triangles: none lies on a side.
-                        let [s, t] = [i, j].map(|k| (k as f64 + 1.0 / 3.0) / count as f64);
-                        let p = a + u * s + v * t;
-                        // Without creases the first place decides: layers grow from it.
-                        let layer = if creases.is_empty() {
-                            (p - seed).norm()
-                        } else {
-                            (creases.nearest(p, None) - p).norm()
-                        };
-                        FacePlace {
-                            layer,
-                            at: p,
-                            normal: n,
-                            size: sizes.at(p),
-                        }
+                let places = (!is_skipped).then(|| candidates_on(corners, step));
+                places.into_iter().flatten().filter_map(move |p| {
+                    let size = sizes.at(p);
+                    // Beside the nodes of creases there is never room: most places of long thin triangles
+                    // end here.
+                    let spacing = FACE_SPACING * size;
+                    let is_near = |n: u32| (nodes.place(n) - p).norm() < spacing;
+                    if crease_bins.any(p, spacing, is_near) {
+                        return None;
+                    }
+                    // Without creases the first place decides: layers grow from it.
+                    let layer = if creases.is_empty() {
+                        (p - seed).norm()
+                    } else {
+                        (creases.nearest(p, None) - p).norm()
+                    };
+                    Some(FacePlace {
+                        layer,
+                        at: p,
+                        normal: n,
+                        size,
                     })
                 })
             })
@@ -349,8 +370,9 @@ impl Nodes {
             let FacePlace {
                 at, normal, size, ..
             } = place;
-            let is_taken = bins.any(at, |node| {
-                (self.place(node) - at).norm() < FACE_SPACING * size
+            let spacing = FACE_SPACING * size;
+            let is_taken = bins.any(at, spacing, |node| {
+                (self.place(node) - at).norm() < spacing
                     && normals
                         .get(&node)
                         .is_none_or(|other| other.dot(&normal) > SAME_SIDE_COSINE)
@@ -404,13 +426,41 @@ impl Nodes {
                 return Err(Cancelled);
             }
             let limit = INNER_SPACING * size;
-            if !bins.any(p, |node| (self.place(node) - p).norm() < limit) {
+            if !bins.any(p, limit, |node| (self.place(node) - p).norm() < limit) {
                 let node = self.push(p, Site::Inside);
                 bins.add(p, node);
             }
         }
         Ok(())
     }
+}
+
+/// Places on a triangle about a step apart: centroids of small triangles, so that none lies on a side. On a long needle
+/// those along its middle, so that their number is that of its area, not that of its length squared.
+fn candidates_on([a, b, c]: [Vec3; 3], step: f64) -> impl Iterator<Item = Vec3> {
+    let (u, v) = (b - a, c - a);
+    let sides = [(u.norm(), a, b), ((c - b).norm(), b, c), (v.norm(), c, a)];
+    let (longest, from, to) = sides
+        .into_iter()
+        .fold(sides[0], |l, s| if s.0 > l.0 { s } else { l });
+    // 4096 bounds the candidates of one large triangle.
+    let count = (longest / step).ceil().clamp(1.0, 4096.0) as usize;
+    let height = u.cross(&v).norm() / longest;
+    let is_needle = height < step && count > MIN_NEEDLE_COUNT;
+    let middle = (a + b + c) / 3.0;
+    let along = move |k: usize| {
+        // From one end of the longest side to the centre, and on to the other end.
+        let t = 2.0 * (k as f64 + 0.5) / count as f64;
+        from + (middle - from) * t.min(1.0) + (to - middle) * (t - 1.0).max(0.0)
+    };
+    let within = move |i: usize, j: usize| {
+        let [s, t] = [i, j].map(|k| (k as f64 + 1.0 / 3.0) / count as f64);
+        a + u * s + v * t
+    };
+    let rows = if is_needle { 1 } else { count };
+    (0..rows).flat_map(move |i| {
+        (0..count - i).map(move |j| if is_needle { along(j) } else { within(i, j) })
+    })
 }
 
 /// A place for a node on a face.
@@ -481,5 +531,31 @@ fn lattice_points(
             };
             lattice_points(solid, sizes, eighth, found);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Facets of cylinders are needles, and nodes are dense where parts are narrow: neither may make a filling slow.
+    #[test]
+    fn needles_and_dense_nodes_cost_little() {
+        let needle = [[0.0, 0.0], [100.0, 0.0], [100.0, 0.05]].map(|[x, y]| Vec3::new(x, y, 0.0));
+        let places: Vec<Vec3> = candidates_on(needle, 0.1).collect();
+        assert!((1000..1010).contains(&places.len()));
+        assert!(places.iter().all(|p| p.y > 0.0 && p.y < 0.0005 * p.x));
+        let gaps = places.windows(2).map(|w| (w[1] - w[0]).norm());
+        assert!(gaps.fold(0.0, f64::max) < 0.15);
+        let mut bins = Bins::new(1.0);
+        for n in 0..10_000 {
+            bins.add(Vec3::new(f64::from(n) / 1e4, 0.5, 0.5), n);
+        }
+        let mut visited = 0;
+        let found = bins.any(Vec3::new(0.5, 0.5, 0.5), 0.01, |n| {
+            visited += 1;
+            n == 4901
+        });
+        assert!(found && visited < 1000, "{visited}");
     }
 }
