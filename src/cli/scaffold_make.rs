@@ -62,7 +62,8 @@ impl Made<'_> {
             })?;
             let scaffold = read.scaffold;
             if let Some(warning) = TetFilling::thin(&scaffold) {
-                session.warn_of(TetFilling::CODE, warning)?;
+                let advice = format!("{warning}; a smaller cell_size may help");
+                session.warn_of(TetFilling::CODE, advice)?;
             }
             if is_msh {
                 // The file of gmsh itself, because it has the groups.

@@ -287,7 +287,8 @@ fn source_scaffold(
         ElementFile::Solids(read) => {
             let thin = TetFilling::thin(&read.scaffold).filter(|_| is_cad(&path));
             if let Some(message) = thin {
-                files.warn(TetFilling::CODE, message)?;
+                let advice = format!("{message}; a smaller cell_size may help");
+                files.warn(TetFilling::CODE, advice)?;
             }
             if section.shell.is_some() || section.plate.is_some() {
                 return Err(RunError::Scaffold {

@@ -6,13 +6,16 @@ use crate::mesh::{MeshSolid, TriMesh, mesh_components};
 use crate::pipeline::base::error::{RunError, short_number};
 use crate::pipeline::base::warning::Warning;
 use crate::progress::{CancelOnly, Cancelled, Progress};
-use crate::scaffold::{FillOptions, Filled, Scaffold, ScaffoldError};
+use crate::scaffold::{ElementMap, FillOptions, Filled, Scaffold, ScaffoldError};
 use rayon::prelude::*;
 
-/// Distance of the mesh from the tets, in cells, that is worth a warning.
+/// Distance of the mesh from the tets, in cells, and share of the volume that are worth a warning.
 const WORTH_A_WARNING: f64 = 0.1;
-/// Quality (that of `druse scaffold info`) below which tets are named: a mean ratio of 0.1, as 0.1^1.5 = 0.0316.
+const MAX_VOLUME_ERROR: f64 = 0.005;
+/// Quality (that of `druse scaffold info`) below which tets are named: a mean ratio of 0.1.
 const POOR: f64 = 0.0316;
+/// Quality of tets that count as flat: no rounding is larger.
+const NO_VOLUME: f64 = 1e-7;
 /// Chordal error at which outer faces are compared with the mesh, cells.
 const CHORDAL_ERROR: f64 = 0.01;
 /// Shares of the cell that are tried where the tets fall apart.
@@ -51,24 +54,69 @@ impl TetFilling {
             }
             return Err(bad(message));
         }
-        let warnings = warnings(solid, &filled, options.cell, progress).map_err(fault)?;
+        let folded = Tets::worse_than(&filled.scaffold, NO_VOLUME);
+        if folded.count > 0 {
+            return Err(bad(format!(
+                "{} tets have no volume, the first at ({}): the mesh crosses or touches itself there, or is open; \
+                 mend it (its warnings name places), or fill it with kind = \"hex\", which the mesh cuts",
+                folded.count,
+                place_figures(folded.place)
+            )));
+        }
+        let warnings = warnings(solid, &filled, options, progress).map_err(fault)?;
         Ok(Self {
             scaffold: filled.scaffold,
             warnings,
         })
     }
 
-    /// A warning on the thin tets of a scaffold.
+    /// A warning on the thin tets of a scaffold, without advice.
     pub fn thin(scaffold: &Scaffold) -> Option<String> {
-        let qualities = scaffold.elements().map(|e| e.quality());
-        let (count, worst) = qualities.fold((0, 1.0), |(count, least): (usize, f64), q| {
-            (count + usize::from(q < POOR), least.min(q))
-        });
-        (count > 0).then(|| {
+        let thin = Tets::worse_than(scaffold, POOR);
+        (thin.count > 0).then(|| {
             format!(
-                "scaffold: {count} tets are thin, the worst of quality {}; a smaller cell_size may help",
-                short_number(worst)
+                "scaffold: {} tets are thin, the worst of quality {} at ({})",
+                thin.count,
+                short_number(thin.quality),
+                place_figures(thin.place)
             )
+        })
+    }
+}
+
+/// Tets of at most some quality, and the first of the worst ones.
+struct Tets {
+    count: usize,
+    quality: f64,
+    place: Vec3,
+}
+
+impl Tets {
+    fn worse_than(scaffold: &Scaffold, limit: f64) -> Self {
+        let none = Self {
+            count: 0,
+            quality: f64::INFINITY,
+            place: Vec3::zeros(),
+        };
+        let all = scaffold.elements().enumerate();
+        // The quality of an element that is wholly inside out is positive.
+        let quality = |e: ElementMap<'_>| match e.volume() {
+            v if v > 0.0 => e.quality(),
+            _ => -1.0,
+        };
+        let bad = all.map(|(n, e)| (n, quality(e))).filter(|e| e.1 <= limit);
+        bad.fold(none, |found, (n, quality)| {
+            let place = || {
+                let corners = &scaffold.connectivity().nodes(n)[..4];
+                let corners = corners.iter().map(|&c| scaffold.nodes()[c as usize]);
+                corners.sum::<Vec3>() / 4.0
+            };
+            let is_worst = quality < found.quality;
+            Self {
+                count: found.count + 1,
+                quality: found.quality.min(quality),
+                place: if is_worst { place() } else { found.place },
+            }
         })
     }
 }
@@ -103,22 +151,10 @@ fn torn(
     expected: usize,
     progress: &dyn Progress,
 ) -> String {
-    progress.stage("smaller", None);
-    let mut tried = SMALLER
-        .into_iter()
-        .take_while(|s| tets as f64 / s.powi(3) < MAX_TRIED_TETS);
     // Otherwise the finer trial was left out for its cost.
     let has_tried_all = tets as f64 / SMALLER[1].powi(3) < MAX_TRIED_TETS;
-    let smaller = tried.find_map(|s| {
-        let cell = s * options.cell;
-        let filled = Scaffold::filled(
-            solid,
-            FillOptions { cell, ..options },
-            &CancelOnly(progress),
-        );
-        let is_whole = filled.is_ok_and(|f| f.scaffold.components().len() <= expected);
-        is_whole.then_some(cell)
-    });
+    let is_whole = |s: &Scaffold| s.components().len() <= expected;
+    let smaller = helping_cell(solid, options, tets, progress, is_whole);
     let hint = match smaller {
         Some(cell) => format!("cell_size = {} keeps it together", short_number(cell)),
         None if has_tried_all => {
@@ -128,6 +164,26 @@ fn torn(
         None => "a smaller cell_size may keep it together".to_owned(),
     };
     format!("the tets form {found} components, the mesh {expected}; {hint}")
+}
+
+/// The largest of a few smaller cells whose filling is good; none beyond a cost.
+fn helping_cell(
+    solid: &MeshSolid,
+    options: FillOptions,
+    tets: usize,
+    progress: &dyn Progress,
+    is_good: impl Fn(&Scaffold) -> bool,
+) -> Option<f64> {
+    progress.stage("smaller", None);
+    let mut tried = SMALLER
+        .into_iter()
+        .take_while(|s| tets as f64 / s.powi(3) < MAX_TRIED_TETS);
+    tried.find_map(|s| {
+        let cell = s * options.cell;
+        let options = FillOptions { cell, ..options };
+        let filled = Scaffold::filled(solid, options, &CancelOnly(progress));
+        filled.is_ok_and(|f| is_good(&f.scaffold)).then_some(cell)
+    })
 }
 
 /// The faces of all components as one mesh.
@@ -150,9 +206,10 @@ pub(crate) fn outer_mesh(scaffold: &Scaffold, error: f64) -> Result<TriMesh, Sca
 fn warnings(
     solid: &MeshSolid,
     filled: &Filled,
-    cell: f64,
+    options: FillOptions,
     progress: &dyn Progress,
 ) -> Result<Vec<String>, ScaffoldError> {
+    let cell = options.cell;
     let mut warnings = Vec::new();
     let mut places = |places: &[Vec3], what: &str| {
         if let Some(&first) = places.first() {
@@ -171,7 +228,14 @@ fn warnings(
         &filled.straight,
         "edges of tets stay straight on a curved surface, because a tet would fold",
     );
-    warnings.extend(TetFilling::thin(&filled.scaffold));
+    if let Some(thin) = TetFilling::thin(&filled.scaffold) {
+        let is_good = |s: &Scaffold| TetFilling::thin(s).is_none();
+        let helping = helping_cell(solid, options, filled.scaffold.len(), progress, is_good);
+        warnings.push(match helping {
+            Some(cell) => format!("{thin}; cell_size = {} has none", short_number(cell)),
+            None => format!("{thin}; a smaller cell_size may help"),
+        });
+    }
     let outer = MeshSolid::new(outer_mesh(&filled.scaffold, CHORDAL_ERROR * cell)?);
     let surface: Vec<[Vec3; 3]> = solid.surface().map(|(c, _)| c).collect();
     progress.stage("compare", Some(surface.len() as u64));
@@ -194,15 +258,16 @@ fn warnings(
     if progress.cancelled() {
         return Err(Cancelled.into());
     }
-    if worst.0 > WORTH_A_WARNING * cell {
+    // The volume of overlapping or open meshes is another one.
+    let volumes = solid.volume().map(|part| (volume(&filled.scaffold), part));
+    let is_off = volumes.is_some_and(|(own, part)| (own / part - 1.0).abs() > MAX_VOLUME_ERROR);
+    if worst.0 > WORTH_A_WARNING * cell || is_off {
         let mut message = format!(
             "scaffold: the tets leave the mesh by up to {}, at ({})",
             short_number(worst.0),
             place_figures(worst.1)
         );
-        // The volume of overlapping or open meshes is another one.
-        if solid.is_cycle() && surface.len() == solid.mesh().triangles().len() {
-            let (own, part) = (volume(&filled.scaffold), solid.mesh().volume());
+        if let Some((own, part)) = volumes {
             let missing = format!(
                 "; their volume is {}, that of the mesh {}",
                 short_number(own),
