@@ -351,6 +351,8 @@ fn errors_name_the_file_the_fault_and_the_way_out() {
     assert!(failure("x.obj", zipped("")).contains("found a zip archive"));
     assert!(failure("x", TEXT_STL).contains("found no extension"));
     assert!(failure("x.stl", "").contains("truncated"));
+    assert!(failure("x.stl", b"\x1f\x8b\x08").contains("found a compressed file"));
+    assert!(failure("x.obj", b"\x89PNG\r\n").contains("found a picture"));
 
     let path = directory.path().join("ball.stl");
     write_mesh(&path, &ball(), LengthUnit::Millimetre).unwrap();

@@ -65,8 +65,12 @@ pub fn sniff(head: &[u8]) -> Option<(&'static str, &'static str)> {
         Some(("an OpenVDB file", "vdb"))
     } else if starts("ISO-10303-21") {
         Some(("a STEP file", "step"))
-    } else if starts("\u{89}PNG") || starts("%PDF") || starts("\u{1f}\u{8b}") {
-        Some(("not a mesh", "png"))
+    } else if head.starts_with(b"\x89PNG") {
+        Some(("a picture", "png"))
+    } else if starts("%PDF") {
+        Some(("a PDF document", "pdf"))
+    } else if head.starts_with(b"\x1f\x8b") {
+        Some(("a compressed file", "gz"))
     } else {
         None
     }
@@ -163,8 +167,11 @@ pub(super) fn read_soup(path: &Path) -> Result<Soup, ReadError> {
             let found = sniff(Source::open(path)?.peek(512)?);
             let known_extensions = format!("one of {}", readable_extensions().join(", "));
             let error = ReadError::data(path, Place::File, extension_of(path), known_extensions);
-            // The name does not fit: the content gives a hint.
+            // The name does not fit: the content gives a hint, and where a program reads such files a better name.
             Err(match found {
+                Some((what, "png" | "pdf" | "gz")) => {
+                    error.with_hint(format!("its content is {what}"))
+                }
                 Some((what, extension)) => {
                     error.with_hint(format!("its content is {what}: name it *.{extension}"))
                 }
@@ -203,7 +210,10 @@ fn open_checked(path: &Path) -> Result<Source, ReadError> {
     if let Some((what, should)) = found.filter(|f| f.1 != extension) {
         let expected = format!("the content of a .{extension} file");
         let error = ReadError::data(path, Place::File, what, expected);
-        return Err(error.with_hint(format!("if the content is right, name the file *.{should}")));
+        return Err(error.with_hint(match should {
+            "gz" => "unpack the file".to_owned(),
+            _ => format!("if the content is right, name the file *.{should}"),
+        }));
     }
     Ok(source)
 }

@@ -54,8 +54,11 @@ impl Pc2 {
             return Err(invalid(found, "at least one of each"));
         }
         if !(step.is_finite() && step > 0.0 && start.is_finite()) {
-            let found = format!("a time step of {step} frames between samples");
-            return Err(invalid(found, "a positive number of frames"));
+            let found = format!("a time step of {step} frames between samples from frame {start}");
+            return Err(invalid(
+                found,
+                "a positive, finite step, and a finite start",
+            ));
         }
         // 12 bytes per point and sample; further bytes are allowed.
         if length < HEAD_BYTES + 12 * points as u64 * samples as u64 {
