@@ -46,9 +46,9 @@ fn each_case(short: u64, once_wrong: &[u64], wrong: impl Fn(u64) -> Option<Strin
     assert!(wrong.is_empty(), "{count} of {all}: {wrong:#?}");
 }
 
-/// Random cases of a law: all of them in the long series, else half.
+/// Random cases of a law: all of them in the long series, else a third.
 fn cases(all: u32) -> u32 {
-    if is_full() { all } else { all / 2 }
+    if is_full() { all } else { all / 3 }
 }
 
 #[cfg(feature = "vdb")]

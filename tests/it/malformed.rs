@@ -34,7 +34,8 @@ use meshes::{FIELDS, PLANE, recipes};
 struct Format {
     name: &'static str,
     extension: &'static str,
-    seeds: Vec<Vec<u8>>,
+    /// Made only by the process that reads them.
+    seeds: fn() -> Vec<Vec<u8>>,
     read: fn(&Path) -> Result<(), Refusal>,
 }
 
@@ -248,7 +249,7 @@ const GRAPH_JSON: &[u8] =
 
 /// Every format that is read: one row each.
 fn formats() -> Vec<Format> {
-    let row = |name, extension, seeds, read| Format {
+    let row = |name, extension, seeds: fn() -> Vec<Vec<u8>>, read| Format {
         name,
         extension,
         seeds,
@@ -257,137 +258,141 @@ fn formats() -> Vec<Format> {
     #[cfg(not(all(feature = "vdb", feature = "cli")))]
     let program = [];
     #[cfg(all(feature = "vdb", feature = "cli"))]
-    let program = [row("vdb", "vdb", level_sets::seeds(), level_sets::read)];
+    let program = [row("vdb", "vdb", level_sets::seeds, level_sets::read)];
     let library = [
-        row("stl text", "stl", vec![text_stl()], mesh),
-        row("stl binary", "stl", vec![written("stl")], mesh),
-        row("ply text", "ply", vec![text_ply()], mesh),
-        row("ply binary", "ply", vec![written("ply")], mesh),
-        row("obj", "obj", vec![written("obj")], mesh),
-        row("3mf", "3mf", vec![written("3mf")], mesh),
+        row("stl text", "stl", || vec![text_stl()], mesh),
+        row("stl binary", "stl", || vec![written("stl")], mesh),
+        row("ply text", "ply", || vec![text_ply()], mesh),
+        row("ply binary", "ply", || vec![written("ply")], mesh),
+        row("obj", "obj", || vec![written("obj")], mesh),
+        row("3mf", "3mf", || vec![written("3mf")], mesh),
         row(
             "3mf model",
             "3mf",
-            vec![model_of(written("3mf"))],
+            || vec![model_of(written("3mf"))],
             threemf_model,
         ),
-        row("3mf parts and beams", "3mf", archives(), solid),
-        row("3mf beam models", "3mf", models(), threemf_model),
+        row("3mf parts and beams", "3mf", archives, solid),
+        row("3mf beam models", "3mf", models, threemf_model),
         row(
             "msh text",
             "msh",
-            stored(&["hex8_22_ascii.msh", "hex20_41_ascii.msh", "pyramid13.msh"]),
+            || stored(&["hex8_22_ascii.msh", "hex20_41_ascii.msh", "pyramid13.msh"]),
             scaffold,
         ),
         row(
             "msh binary",
             "msh",
-            stored(&["hex8_22_binary.msh", "hex20_41_binary.msh"]),
+            || stored(&["hex8_22_binary.msh", "hex20_41_binary.msh"]),
             scaffold,
         ),
         row(
             "vtk text",
             "vtk",
-            stored(&["hex8_ascii.vtk", "hex8_51_ascii.vtk"]),
+            || stored(&["hex8_ascii.vtk", "hex8_51_ascii.vtk"]),
             scaffold,
         ),
         row(
             "vtk binary",
             "vtk",
-            stored(&[
-                "hex8_binary.vtk",
-                "hex8_51_binary.vtk",
-                "lagrange_solids2.vtk",
-            ]),
+            || {
+                stored(&[
+                    "hex8_binary.vtk",
+                    "hex8_51_binary.vtk",
+                    "lagrange_solids2.vtk",
+                ])
+            },
             scaffold,
         ),
         row(
             "vtu",
             "vtu",
-            stored(&["pyramid13.vtu", "lagrange_solids2.vtu", "hex8_base64.vtu"]),
+            || stored(&["pyramid13.vtu", "lagrange_solids2.vtu", "hex8_base64.vtu"]),
             scaffold,
         ),
-        row("inp", "inp", decks::seeds(), scaffold),
+        row("inp", "inp", decks::seeds, scaffold),
         row(
             "msh versions",
             "msh",
-            stored(&["zoo_1.msh", "zoo_40.msh", "zoo_data.msh"]),
+            || stored(&["zoo_1.msh", "zoo_40.msh", "zoo_data.msh"]),
             scaffold,
         ),
-        row("medit", "mesh", stored(&["zoo.mesh"]), scaffold),
-        row("medit binary", "meshb", stored(&["zoo.meshb"]), scaffold),
+        row("medit", "mesh", || stored(&["zoo.mesh"]), scaffold),
+        row("medit binary", "meshb", || stored(&["zoo.meshb"]), scaffold),
         row(
             "nastran",
             "bdf",
-            stored(&[
-                "zoo2_small.bdf",
-                "zoo_large.bdf",
-                "zoo_free.bdf",
-                "systems.bdf",
-            ]),
+            || {
+                stored(&[
+                    "zoo2_small.bdf",
+                    "zoo_large.bdf",
+                    "zoo_free.bdf",
+                    "systems.bdf",
+                ])
+            },
             scaffold,
         ),
         row(
             "universal",
             "unv",
-            stored(&["zoo.unv", "zoo2.unv"]),
+            || stored(&["zoo.unv", "zoo2.unv"]),
             scaffold,
         ),
         row(
             "USD",
             "usda",
-            vec![crate::io::usda::tets().into_bytes()],
+            || vec![crate::io::usda::tets().into_bytes()],
             scaffold,
         ),
         row(
             "fields csv",
             "csv",
-            vec![FIELDS.as_bytes().to_vec()],
+            || vec![FIELDS.as_bytes().to_vec()],
             fields,
         ),
         row(
             "surface vtk",
             "vtk",
-            vec![PLANE.as_bytes().to_vec()],
+            || vec![PLANE.as_bytes().to_vec()],
             scaffold,
         ),
-        row("cell", "cell", cells(), cell),
-        row("npy", "npy", arrays(), array),
-        row("graph toml", "toml", vec![GRAPH_TOML.to_vec()], graph),
-        row("graph json", "json", vec![GRAPH_JSON.to_vec()], graph),
+        row("cell", "cell", cells, cell),
+        row("npy", "npy", arrays, array),
+        row("graph toml", "toml", || vec![GRAPH_TOML.to_vec()], graph),
+        row("graph json", "json", || vec![GRAPH_JSON.to_vec()], graph),
         row(
             "points csv",
             "csv",
-            vec![text_cloud("x,y,z,nx,ny,nz\n", ",")],
+            || vec![text_cloud("x,y,z,nx,ny,nz\n", ",")],
             cloud,
         ),
         row(
             "points xyz",
             "xyz",
-            vec![text_cloud("# a ball\n", " ")],
+            || vec![text_cloud("# a ball\n", " ")],
             cloud,
         ),
-        row("points ply", "ply", vec![ply_cloud()], cloud),
+        row("points ply", "ply", || vec![ply_cloud()], cloud),
         row(
             "polygon obj",
             "obj",
-            crystals(&["cube_groups.obj", "cube_dodeca_c.obj", "crlf_neg.obj"]),
+            || crystals(&["cube_groups.obj", "cube_dodeca_c.obj", "crlf_neg.obj"]),
             polygons,
         ),
         row(
             "dlfl",
             "dlfl",
-            crystals(&["cube_groups.dlfl", "cube_dodeca.dlfl"]),
+            || crystals(&["cube_groups.dlfl", "cube_dodeca.dlfl"]),
             polygons,
         ),
-        row("crystal", "crystal", vec![SCRIPT.to_vec()], script),
+        row("crystal", "crystal", || vec![SCRIPT.to_vec()], script),
         row(
             "vtu appended",
             "vtu",
-            stored(&["hex8_appended_raw.vtu", "hex8_appended_base64.vtu"]),
+            || stored(&["hex8_appended_raw.vtu", "hex8_appended_base64.vtu"]),
             scaffold,
         ),
-        row("recipe", "toml", recipes(), recipe),
+        row("recipe", "toml", recipes, recipe),
     ];
     let all = library.into_iter().chain(program);
     all.chain(meshes::formats()).collect()
@@ -428,7 +433,8 @@ fn judge(path: &Path, read: fn(&Path) -> Result<(), Refusal>) -> Result<bool, St
 /// What the child does: reads the good files, then damaged ones.
 fn read_damaged(format: &Format, cases: usize) {
     let directory = tempfile::tempdir().unwrap();
-    for (i, seed) in format.seeds.iter().enumerate() {
+    let seeds = (format.seeds)();
+    for (i, seed) in seeds.iter().enumerate() {
         let path = directory
             .path()
             .join(format!("good{i}.{}", format.extension));
@@ -439,8 +445,8 @@ fn read_damaged(format: &Format, cases: usize) {
     let mut accepted = 0;
     for case in 0..cases {
         let mut dice = Dice(case as u64 * 77 + 5);
-        let mut bytes = format.seeds[case % format.seeds.len()].clone();
-        let other = dice.of(&format.seeds).clone();
+        let mut bytes = seeds[case % seeds.len()].clone();
+        let other = dice.of(&seeds).clone();
         for _ in 0..=dice.below(3) {
             if !bytes.is_empty() {
                 damage(&mut bytes, &other, &mut dice);

@@ -125,7 +125,7 @@ fn a_killed_program_leaves_the_old_file_or_the_new_one() {
         info["content_hash"].clone()
     };
     let wanted = hash("out.vdb");
-    let count = if crate::is_full() { 200 } else { 20 };
+    let count = if crate::is_full() { 200 } else { 12 };
     let mut dice = Dice(42);
     let mut finished = 0;
     for _ in 0..count {
@@ -194,7 +194,7 @@ fn a_full_disk_is_reported_with_path_and_bytes() {
 /// Lattices of smooth cells, half of them cut by walls that lie in planes of voxels or slant.
 #[test]
 fn random_lattices_have_closed_manifold_meshes() {
-    let count = if crate::is_full() { 1000 } else { 10 };
+    let count = if crate::is_full() { 1000 } else { 6 };
     let kinds = [
         ("hex", ["schwarz_p", "iwp", "neovius", "f_rd"]),
         ("tet", ["diamond", "schwarz_p", "iwp", "neovius"]),

@@ -371,7 +371,7 @@ fn the_field_laws_hold() {
                 };
                 let tiled = TiledSolid::new(&scaffold, &cell, options).unwrap();
                 let mut noise = Noise::new(4);
-                for _ in 0..if crate::is_full() { 12 } else { 6 } {
+                for _ in 0..if crate::is_full() { 12 } else { 3 } {
                     let min = noise.vector() * 1.3 + Vec3::repeat(0.9);
                     let region = Aabb {
                         min,

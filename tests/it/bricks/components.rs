@@ -16,16 +16,16 @@ fn solids() -> String {
     };
     let ball = |c: [f64; 3], r: f64| format!("sphere = {{ centre = {c:?}, radius = {r} }}");
     // A shell whose void spans eight blocks, with a ball in it and a hollow ball in a corner.
-    op("union", &ball([0.3, 0.1, 0.2], 14.0));
-    op("subtract", &ball([0.3, 0.1, 0.2], 12.5));
-    op("union", &ball([1.0, -0.4, 0.3], 5.0));
+    op("union", &ball([0.3, 0.1, 0.2], 9.0));
+    op("subtract", &ball([0.3, 0.1, 0.2], 7.5));
+    op("union", &ball([1.0, -0.4, 0.3], 3.0));
     op("union", &ball([26.0, 25.4, 25.7], 4.0));
     op("subtract", &ball([26.0, 25.4, 25.7], 3.1));
     // Equal components, which differ in place only; one lies within reach of the shell's band.
     for x in [-20.0, 20.0] {
         op("union", &ball([x, 0.0, 20.0], 1.2));
     }
-    op("union", &ball([0.3, 0.1, 15.9], 1.4));
+    op("union", &ball([0.3, 0.1, 10.9], 1.4));
     // A bar through three blocks, and a speck of a few voxels.
     op(
         "union",

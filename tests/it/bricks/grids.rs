@@ -12,7 +12,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Two cells that pass into one another, with a pillar that leaves the scaffold; across the origin.
-const TILED: &str = "druse = 1\nunit = \"mm\"\n[cell.p]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.35\n[cell.g]\nsurface = \"gyroid\"\nvolume_fraction = 0.4\n[scaffold]\nbox = { size = [16, 16, 16], cell_size = 8 }\n[tiling]\ntransition = [{ cell = \"p\", weight = \"1 - bz\" }, { cell = \"g\", weight = \"bz\" }]\n[band]\nvoxel_size = 0.25\n[[op]]\nunion = { box = { centre = [0.5, 0, 0], size = [5, 5, 20] } }\n";
+const TILED: &str = "druse = 1\nunit = \"mm\"\n[cell.p]\nsurface = \"schwarz_p\"\nlevel = -0.525\n[cell.g]\nsurface = \"gyroid\"\nlevel = -0.3\n[scaffold]\nbox = { size = [16, 16, 16], cell_size = 8 }\n[tiling]\ntransition = [{ cell = \"p\", weight = \"1 - bz\" }, { cell = \"g\", weight = \"bz\" }]\n[band]\nvoxel_size = 0.4\n[[op]]\nunion = { box = { centre = [0.5, 0, 0], size = [5, 5, 20] } }\n";
 const SHADED: &str = "[[output]]\nvdb = \"a.vdb\"\nfog = true\nusda = true\ngrids = [\"uvw\", \"surface\", \"cell_id\"]\n[[output]]\nvdb = \"b.vdb\"\nunit = \"mm\"\nhalf = true\ncompression = \"zip\"\ngrids = [\"density\", \"fold\", \"weight_g\", \"element_id\", \"cell_id\"]\n";
 const FOG: &str = "[[op]]\nfog = true\n[[output]]\nvdb = \"a.vdb\"\n";
 

@@ -49,7 +49,7 @@ fn merges_at_once_are_refused_or_right() {
     planned(place);
     let bricks = place.join("p.bricks");
     let before = names(&bricks);
-    for _ in 0..3 {
+    for _ in 0..2 {
         let begin = |_| druse(place, "merge p.json --quiet").spawn().unwrap();
         let all: Vec<Child> = (0..3).map(begin).collect();
         let mut succeeded = 0;
@@ -74,7 +74,7 @@ fn a_merge_beside_a_brick_that_is_made_names_it_or_is_right() {
     let place = place.path();
     done(place, "run r.toml --out whole");
     planned(place);
-    for _ in 0..3 {
+    for _ in 0..2 {
         fs::remove_file(place.join("p.bricks/brick-000005.leaves")).unwrap();
         let job = druse(place, "run p.json --brick 0-7").spawn().unwrap();
         let merged = druse(place, "merge p.json").output().unwrap();
@@ -96,7 +96,7 @@ fn runs_at_once_with_the_same_bricks_are_refused_or_right() {
     let place = place();
     let place = place.path();
     done(place, "run r.toml --out whole");
-    for _ in 0..3 {
+    for _ in 0..2 {
         let begin = |_| {
             druse(place, "run r.toml --bricks 2 --quiet")
                 .spawn()

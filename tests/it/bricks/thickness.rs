@@ -9,7 +9,7 @@ use druse::vdb::Volume;
 use std::path::Path;
 
 /// Walls of two cells across the origin, with a ball of 50 voxels among them.
-const TILED: &str = "druse = 1\nunit = \"mm\"\n[cell.p]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.35\n[scaffold]\nbox = { size = [18, 16, 16], cell_size = 8 }\n[tiling]\ncell = \"p\"\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = { sphere = { centre = [0.3, 0, 0], radius = 5 } }\n";
+const TILED: &str = "druse = 1\nunit = \"mm\"\n[cell.p]\nsurface = \"schwarz_p\"\nlevel = -0.525\n[scaffold]\nbox = { size = [18, 8, 8], cell_size = 8 }\n[tiling]\ncell = \"p\"\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = { sphere = { centre = [0.3, 0, 0], radius = 5 } }\n";
 const FILES: &str = "[[output]]\nvdb = \"a.vdb\"\ngrids = [\"surface\", \"thickness\"]\n[[output]]\nvdb = \"b.vdb\"\nunit = \"mm\"\ngrids = [\"uvw\", \"thickness\"]\n[[output]]\nmesh = \"a.ply\"\nunit = \"cm\"\ngrids = [\"thickness\"]\n";
 
 /// The numbers of a grid at its active voxels.
@@ -30,7 +30,8 @@ fn thickness_in_bricks_is_that_of_memory() {
     let recipe = Recipe::parse(&format!("{TILED}{FILES}"), &[]).unwrap();
     let one = run(&recipe, &options(&whole, None, 2), &Silent).unwrap();
     assert_eq!(hashes(&one).len(), 2);
-    for (bricks, threads) in [(1, 2), (2, 1)] {
+    let tried = 1 + usize::from(crate::is_full());
+    for (bricks, threads) in [(1, 2), (2, 1)].into_iter().take(tried) {
         let two = run(&recipe, &options(&parts, Some(bricks), threads), &Silent).unwrap();
         assert_eq!(hashes(&one), hashes(&two));
         let [a, b] = [&whole, &parts].map(|p| vertices(&p.join("a.ply")));

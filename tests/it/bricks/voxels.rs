@@ -9,7 +9,7 @@ use druse::vdb::{LevelSet, Session, VdbWriter, Volume};
 use std::path::Path;
 
 /// A ball with a bite, across the origin, 70 voxels a side.
-const SOLID: &str = "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = { sphere = { centre = [0.3, 0.1, 0], radius = 7 } }\n[[op]]\nsubtract = { sphere = { centre = [0.3, 0.1, 5], radius = 5 } }\n";
+const SOLID: &str = "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = { sphere = { centre = [0.3, 0.1, 0], radius = 5 } }\n[[op]]\nsubtract = { sphere = { centre = [0.3, 0.1, 4], radius = 3 } }\n";
 const FILES: &str = "[[output]]\nvdb = \"a.vdb\"\nunit = \"mm\"\n[[output]]\nmesh = \"a.ply\"\n";
 
 fn recipe(ops: &str) -> Recipe {

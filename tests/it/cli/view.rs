@@ -196,11 +196,14 @@ fn triangles_are_bounded_and_the_solid_stays() {
     // Simplified only; meshed on coarser voxels, and a mesh.
     for (file, count, coarse) in [
         ("a.vdb", "20k", false),
-        ("a.vdb", "2k", true),
-        ("lod.vdb", "20k", false),
         ("lod.vdb", "2k", true),
         ("a.stl", "2k", false),
-    ] {
+        ("a.vdb", "2k", true),
+        ("lod.vdb", "20k", false),
+    ]
+    .into_iter()
+    .take(if crate::is_full() { 5 } else { 3 })
+    {
         let arguments = [
             "view",
             file,

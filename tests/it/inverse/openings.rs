@@ -138,7 +138,8 @@ fn travels(depth: &dyn Fn([f64; 3]) -> f64, n: usize, radius: f64) -> bool {
 
 #[test]
 fn openings_of_named_surfaces_are_those_of_brute_force() {
-    let n = 24;
+    // The ruler's work grows with the sixth power.
+    let n = if crate::is_full() { 24 } else { 16 };
     for surface in [Surface::SchwarzP, Surface::Gyroid, Surface::Diamond] {
         for solid in [Solid::Below, Solid::Sheet] {
             let cell = named(surface, solid, 0.3);
@@ -153,7 +154,7 @@ fn openings_of_named_surfaces_are_those_of_brute_force() {
     }
     // On finer nodes the figures stay.
     let cell = named(Surface::Gyroid, Solid::Sheet, 0.3);
-    let [coarse, fine] = [24, 64].map(|n| ways(&cell, n).unwrap().0);
+    let [coarse, fine] = [24, 48].map(|n| ways(&cell, n).unwrap().0);
     assert!((coarse - fine).abs() < 3e-3, "{coarse} {fine}");
 }
 
@@ -192,7 +193,7 @@ fn a_design_keeps_its_opening_and_its_permeability() {
     assert!((coarse.opening.unwrap() - fine.opening.unwrap()).abs() < 0.02);
     // The ruler agrees.
     let depth = depths(&made.cell);
-    assert!(travels(&depth[0], 24, 0.15 - 0.2 / 24.0));
+    assert!(travels(&depth[0], 16, 0.15 - 0.2 / 16.0));
     assert_eq!(
         report.target,
         "{ maximise = \"bulk\", min_opening = 0.15, min_permeability = 0.001 }"
@@ -219,6 +220,10 @@ fn shipped_open_cells_keep_their_figures() {
             permeability: false,
             ..Settings::default()
         };
+        // `tests/clients/open_cell.py` solves all of them; the short series solves the isotropic one here.
+        if least.zener.is_none() && !crate::is_full() {
+            continue;
+        }
         let found = properties_of(&cell, 48, &settings, &Silent).unwrap();
         assert!(found.bulk_over_bound >= least.bulk, "{name} {found:?}");
         assert!(found.bulk_over_bound < 1.0, "{name} {found:?}");

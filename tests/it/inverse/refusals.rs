@@ -121,7 +121,7 @@ fn constraints_that_no_cell_meets_name_the_nearest_value() {
     // At half solid a tube of 0.38 has room, but the band holds no such network.
     let mut design = short(largest(Property::Bulk), 0.5);
     design.target.min_opening = Some(0.38);
-    (design.evaluations, design.starts) = (6, 1);
+    (design.evaluations, design.starts) = (4, 1);
     let made = design.prepare().unwrap().search(None, &Silent);
     let Err(e @ InverseError::Infeasible { .. }) = made else {
         panic!("expected a constraint that is missed");

@@ -37,10 +37,13 @@ pub fn seeds() -> Vec<Vec<u8>> {
     .to_vec()
 }
 
-/// What `druse info` and `druse check` make of it: whatever happens to the child that reads the file,
-/// the program answers.
+/// What `druse info` and, of every other file, `druse check` make of it: whatever happens to the child that reads the
+/// file, the program answers.
 pub fn read(path: &Path) -> Result<(), Refusal> {
-    for command in ["info", "check"] {
+    let name = path.file_stem().unwrap().to_string_lossy();
+    let is_checked = crate::is_full() || name.ends_with(['0', '2', '4', '6', '8']);
+    let commands = &["info", "check"][..=usize::from(is_checked)];
+    for &command in commands {
         let output = Command::new(env!("CARGO_BIN_EXE_druse"))
             .args([command, "--color=never"])
             .arg(path)

@@ -38,23 +38,27 @@ fn strips() -> Vec<u8> {
     (text[..head].to_owned() + strip).into()
 }
 
+/// Text with the line ends of old Macintoshes.
+fn elsewhere(text: &str) -> Vec<u8> {
+    text.replace('\n', "\r").into_bytes()
+}
+
 pub fn formats() -> Vec<Format> {
-    let row = |name, extension, seeds, read| Format {
+    let row = |name, extension, seeds: fn() -> Vec<Vec<u8>>, read| Format {
         name,
         extension,
         seeds,
         read,
     };
-    let elsewhere = |text: String| text.replace('\n', "\r").into_bytes();
     vec![
-        row("off", "off", vec![off().into(), OFF.into()], roles),
-        row("vtp", "vtp", vec![vtp().into()], roles),
-        row("vtk polygons", "vtk", vec![vtk().into()], roles),
-        row("ply strips", "ply", vec![strips()], roles),
+        row("off", "off", || vec![off().into(), OFF.into()], roles),
+        row("vtp", "vtp", || vec![vtp().into()], roles),
+        row("vtk polygons", "vtk", || vec![vtk().into()], roles),
+        row("ply strips", "ply", || vec![strips()], roles),
         row(
             "stl dialects",
             "stl",
-            vec![elsewhere(stl()), binary_stl(b"solid", u32::MAX)],
+            || vec![elsewhere(&stl()), binary_stl(b"solid", u32::MAX)],
             roles,
         ),
     ]

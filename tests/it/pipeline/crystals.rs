@@ -99,8 +99,7 @@ fn a_crystal_is_placed_and_cuts_adds_and_skins() {
     assert!(skin.volume < 0.5 * gem.area() && skin.volume > 0.4 * gem.area());
 }
 
-const CELL: &str =
-    "[cell.p]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.5\n[tiling]\ncell = \"p\"";
+const CELL: &str = "[cell.p]\nsurface = \"schwarz_p\"\nlevel = 0\n[tiling]\ncell = \"p\"";
 
 #[test]
 fn a_crystal_is_a_shell_of_its_quads_and_triangles_or_is_filled() {
@@ -114,7 +113,7 @@ fn a_crystal_is_a_shell_of_its_quads_and_triangles_or_is_filled() {
     assert!((share(&found) - 0.5).abs() < 0.05);
     let triangles = "octahedron edge=8; remesh loop_style";
     let shell = shell.replace(
-        "surface = \"schwarz_p\"\nvolume_fraction = 0.5",
+        "surface = \"schwarz_p\"\nlevel = 0",
         "formula = \"hypot(x, y) - 0.25\"",
     );
     let found = report(&with(triangles, 0.3, &shell));
@@ -125,13 +124,14 @@ fn a_crystal_is_a_shell_of_its_quads_and_triangles_or_is_filled() {
     );
     // Groups of faces are groups of elements: each its own cell.
     let groups = "cube edge=6; assign faces(normal.z > .5) 2";
-    let shares = "[cell.q]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.2\n[cell.p]\nsurface = \"schwarz_p\"\nvolume_fraction = 0.5\n\
+    let shares = "[cell.q]\nsurface = \"schwarz_p\"\nlevel = -1.05\n[cell.p]\nsurface = \"schwarz_p\"\nlevel = 0\n\
                   [scaffold]\ncrystal = \"gem\"\nshell = { thickness = 1 }\nrepeat = 4\n\
                   [tiling]\nassign = [{ cell = \"q\", group = \"group2\" }, { cell = \"p\" }]";
     assert_eq!(error(&with(groups, 0.2, shares)), "");
+    let cell = CELL.replace("level = 0", "volume_fraction = 0.5");
     for kind in ["hex", "tet"] {
         let fill = format!(
-            "[scaffold]\nfill = {{ crystal = \"gem\", cell_size = 2, kind = \"{kind}\" }}\n{CELL}"
+            "[scaffold]\nfill = {{ crystal = \"gem\", cell_size = 2, kind = \"{kind}\" }}\n{cell}"
         );
         let share = report(&with(GEM, 0.2, &fill)).solid.volume / polygons(GEM).volume();
         assert!((share - 0.5).abs() < 0.05, "{kind}: {share}");

@@ -228,8 +228,14 @@ fn a_ball_of_the_radius_gets_out_of_cavities_of_any_shape() {
             vec![[3.5, 0.0, 0.0], [0.0, 0.0, 0.0]],
         ),
     ];
-    for (cavities, options, ball, places) in cases {
-        for which in ["closed", "all"] {
+    for (n, (cavities, options, ball, places)) in cases.into_iter().enumerate() {
+        // The short series changes between the two.
+        let kinds = match n % 2 {
+            _ if crate::is_full() => &["closed", "all"][..],
+            0 => &["closed"],
+            _ => &["all"],
+        };
+        for which in kinds {
             let text = format!(
                 "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = {{ box = {{ size = [12, 12, 12] }} }}\n\
                  {cavities}[[op]]\ndrain = {{ radius = 1, cavities = \"{which}\"{options} }}\n\

@@ -57,7 +57,7 @@ const NO_PLANE: [f64; 2] = [f64::NAN; 2];
 fn flat_ends_on_planes_of_voxels_lie_on_them() {
     // Voxels whose multiples are rounded, up and down.
     for voxel in [0.2, 0.1, 0.3] {
-        let size = [60.0, 45.0, 40.0].map(|n: f64| n * voxel);
+        let size = [30.0, 23.0, 21.0].map(|n: f64| n * voxel);
         let [x, y, z] = size;
         let text = format!(
             "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = {voxel}\n\
@@ -81,7 +81,7 @@ fn cylinders_end_on_planes_of_voxels_in_all_directions() {
             };
             let text = format!(
                 "druse = 1\nunit = \"mm\"\n[band]\nvoxel_size = 0.2\n\
-                 [[op]]\nunion = {{ cylinder = {{ from = {}, to = {}, radius = 2.17 }} }}\n",
+                 [[op]]\nunion = {{ cylinder = {{ from = {}, to = {}, radius = 1.17 }} }}\n",
                 end(low),
                 end(high)
             );
@@ -94,16 +94,16 @@ fn cylinders_end_on_planes_of_voxels_in_all_directions() {
 
 #[test]
 fn lattices_cut_by_planes_of_voxels_end_on_them() {
-    let text = "druse = 1\nunit = \"mm\"\n[cell.g]\nsurface = \"gyroid\"\nvolume_fraction = 0.4\n\
-        [scaffold]\nbox = { size = [24, 24, 24], cell_size = 8, origin = [-12, -12, -12] }\n\
+    let text = "druse = 1\nunit = \"mm\"\n[cell.g]\nsurface = \"gyroid\"\nlevel = -0.3\n\
+        [scaffold]\nbox = { size = [12, 12, 12], cell_size = 4, origin = [-6, -6, -6] }\n\
         [tiling]\ncell = \"g\"\n[band]\nvoxel_size = 0.2\n\
-        [[op]]\nintersect = { box = { size = [10, 8.4, 12.2], centre = [0.2, 0.4, -0.3] } }\n";
-    let ends = [[-4.8, 5.2], [-3.8, 4.6], [-6.4, 5.8]];
+        [[op]]\nintersect = { box = { size = [6, 4.4, 8.2], centre = [0.2, 0.4, -0.3] } }\n";
+    let ends = [[-2.8, 3.2], [-1.8, 2.6], [-4.4, 3.8]];
     assert_ends(text, None, ends);
     // The plane z = 25.6 lies between two blocks.
-    let text = text.replace("[0.2, 0.4, -0.3]", "[0.2, 0.4, 19.5]");
-    let text = text.replace("origin = [-12, -12, -12]", "origin = [-12, -12, 8]");
-    let ends = [[-4.8, 5.2], [-3.8, 4.6], [13.4, 25.6]];
+    let text = text.replace("[0.2, 0.4, -0.3]", "[0.2, 0.4, 21.5]");
+    let text = text.replace("origin = [-6, -6, -6]", "origin = [-6, -6, 16]");
+    let ends = [[-2.8, 3.2], [-1.8, 2.6], [17.4, 25.6]];
     assert_ends(&text, Some(1), ends);
 }
 

@@ -192,7 +192,7 @@ fn what_has_no_homogenised_cell_is_refused() {
 #[test]
 fn the_dry_run_names_homogenised_cells_without_voxels() {
     let text = format!(
-        "{BAR}[tiling]\ncell = \"p\"\nvolume_fraction = \"0.3 + 0.2*by\"\n[[output]]\nfe = \"a.inp\"\n"
+        "{BAR}[tiling]\ncell = \"p\"\nlevel = \"0.3 + 0.2*by\"\n[[output]]\nfe = \"a.inp\"\n"
     );
     // All elements have the mean of their corners: one value.
     let recipe = Recipe::parse(&text, &[]).unwrap();

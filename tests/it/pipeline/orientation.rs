@@ -75,6 +75,10 @@ fn a_gyroid_on_a_shuffled_grid_is_that_on_the_ordered_one() {
     write_vtu(&files[0], &ordered, &[]).unwrap();
     write_vtu(&files[1], &mixed, &[]).unwrap();
     let folders = ["one", "two"].map(|n| place.path().join(n));
+    // Ten voxels along an element.
+    let text = |file: &Path, orient: &str| {
+        text(file, orient).replace("voxel_size = 0.05", "voxel_size = 0.1")
+    };
     let [one, two] = [0, 1].map(|n| report(&text(&files[n], ""), &folders[n], None));
     let continuity = [&one, &two].map(|r| r.continuity.clone().unwrap());
     assert_eq!(continuity[0].turned_elements, 0);
@@ -92,7 +96,7 @@ fn a_gyroid_on_a_shuffled_grid_is_that_on_the_ordered_one() {
     for ((at, own), (place, theirs)) in a.iter().zip(&b) {
         assert_eq!(at, place);
         for (v, w) in own.iter().zip(theirs) {
-            // Two millionths of a voxel, in metres.
+            // A millionth of a voxel, in metres.
             assert!((v - w).abs() <= 1e-10, "{at:?}: {v} {w}");
             other += usize::from(v != w);
         }
@@ -146,7 +150,7 @@ fn a_gyroid_continues_in_cylinders_of_hexes_in_any_numbering() {
     for (n, cylinder) in [tube, moved(&grid, round)].iter().enumerate() {
         let file = place.path().join(format!("{n}.vtu"));
         write_vtu(&file, &renumbered(cylinder, 5), &[]).unwrap();
-        let recipe = text(&file, "").replace("voxel_size = 0.05", "voxel_size = 0.06");
+        let recipe = text(&file, "").replace("voxel_size = 0.05", "voxel_size = 0.1");
         let found = report(&recipe, place.path(), None).continuity.unwrap();
         assert!(found.turned_elements > cylinder.len() / 2);
         assert!(found.value_jump_max < 1e-5, "{:?}", found.worst);
@@ -175,7 +179,7 @@ fn a_gyroid_in_a_hollow_sphere_is_refused_by_its_eight_edges_and_one_body_when_m
     let place = tempfile::tempdir().unwrap();
     let file = place.path().join("sphere.vtu");
     write_vtu(&file, &renumbered(&hollow_sphere(1), 2), &[]).unwrap();
-    let coarse = text(&file, "").replace("voxel_size = 0.05", "voxel_size = 0.15");
+    let coarse = text(&file, "").replace("voxel_size = 0.05", "voxel_size = 0.2");
     let error = run(&recipe(&coarse), &RunOptions::default(), &Silent)
         .err()
         .unwrap();
@@ -198,6 +202,10 @@ fn a_gyroid_in_a_hollow_sphere_is_refused_by_its_eight_edges_and_one_body_when_m
             (0, 1),
             "{check:?}"
         );
+        // Bricks know nothing of widths.
+        if !width.is_empty() && !crate::is_full() {
+            continue;
+        }
         let bricks = report(&recipe, place.path(), Some(1));
         let [own, same] = [&found, &bricks].map(|r| r.outputs[0].content_hash.clone());
         assert_eq!(own, same);
@@ -466,7 +474,7 @@ fn a_million_hexes_are_turned() {
 fn a_gyroid_in_a_ball_is_one_body_where_its_turns_are_mixed() {
     let place = tempfile::tempdir().unwrap();
     let ball = "druse = 1\n[cell.g]\nsurface = \"gyroid\"\nlevel = -0.3\n[scaffold]\nsphere = { radius = 6, cell_size = 3 }\n\
-                [tiling]\ncell = \"g\"\ncertificate = true\norient = { mismatch = \"blend\" }\n[band]\nvoxel_size = 0.12\n\
+                [tiling]\ncell = \"g\"\ncertificate = true\norient = { mismatch = \"blend\" }\n[band]\nvoxel_size = 0.2\n\
                 [[op]]\nkeep_largest = true\n[[output]]\nvdb = \"a.vdb\"\n[[output]]\nmesh = \"a.ply\"\n";
     let whole = report(ball, place.path(), None);
     let continuity = whole.continuity.as_ref().unwrap();

@@ -222,7 +222,7 @@ fn a_band_is_the_same_without_what_the_field_knows_sooner() {
         for scaffold in &overlapping(kind) {
             let all = [
                 (9.0, 1.0, Boundary::Cut),
-                (14.0, 3.0, Boundary::Extend),
+                (11.0, 3.0, Boundary::Extend),
                 (27.0, 1.5, Boundary::Cut),
                 (34.0, 3.0, Boundary::Cut),
             ];

@@ -93,7 +93,7 @@ impl Place {
         self.write(
             "r.toml",
             &format!(
-                "druse = 1\nunit = \"mm\"\n[cell.a]\nsurface = \"schwarz_p\"\n[cell.b]\nsurface = \"iwp\"\n[scaffold]\n\
+                "druse = 1\nunit = \"mm\"\n[cell.a]\nsurface = \"schwarz_p\"\n[cell.b]\nsurface = \"schwarz_p\"\nlevel = 0.3\n[scaffold]\n\
                  box = {{ size = [20, 5, 5], cell_size = 5 }}\n[tiling]\n\
                  transition = [{{ cell = \"a\", weight = {field} }}, {{ cell = \"b\", weight = 1.0 }}]\n[band]\nvoxel_size = 0.5\n"
             ),

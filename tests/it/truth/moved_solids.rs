@@ -240,7 +240,9 @@ fn moved_polyhedra_have_distances_in_closed_form() {
         ),
     ] {
         let solid = body.level_set();
-        for &by in moves {
+        // The first and the last; all in the long series.
+        let every = if crate::is_full() { 1 } else { moves.len() - 1 };
+        for &by in moves.iter().step_by(every) {
             let moved = moved(name, &solid, by);
             let [most, rms] = errors(&moved, |p| body.distance(p) - by);
             assert!(

@@ -149,7 +149,7 @@ fn wrong_result(part: &Part, h: f64, role: u64) -> Result<(), String> {
 
 #[test]
 fn parts_in_planes_of_voxels_are_made_right_in_each_role() {
-    crate::each_case(63, &[112, 231, 1115, 1827, 1908, 3311, 4585], |case| {
+    crate::each_case(42, &[112, 231, 1115, 1827, 1908, 3311, 4585], |case| {
         let (part, h) = random_part(case);
         let result = wrong_result(&part, h, case / 7 % 3);
         result.err().map(|what| format!("voxels of {h}: {what}"))

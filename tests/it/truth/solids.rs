@@ -74,7 +74,7 @@ fn overlapping_and_nested_shells_are_one_solid() {
         assert_eq!(found.solid.components, 1, "{name}");
         let overlaps = name != "nested_reversed.stl";
         assert_eq!(codes(&found).contains(&"W113"), overlaps, "{name}");
-        let closed = report(0.1, &(union(name) + "[[op]]\nfill_voids = true\n"));
+        let closed = report(0.2, &(union(name) + "[[op]]\nfill_voids = true\n"));
         let voids = u64::from(!overlaps);
         assert_eq!(closed.solid.filled_voids, voids, "{name}");
     }
