@@ -227,8 +227,9 @@ def placed(client, made):
             hint = re.search(r"druse filter FILE -o CUBES.vdb (resample=[0-9.e-]+)", text)
             client.check(name, hint is not None, text)
             client.is_solid(f"{name} {shape}", path, volume, at, 0.02, "--resample")
-            client.is_solid(f"{name} {shape}, finer", path, volume, at, 0.02, "--resample=0.08m")
-            client.is_refused(name, path, "NOT sound", "--resample", command="check")
+            if shape == "ball":  # what depends on the transform alone
+                client.is_solid(f"{name} {shape}, finer", path, volume, at, 0.02, "--resample=0.08m")
+                client.is_refused(name, path, "NOT sound", "--resample", command="check")
             if hint is None:
                 continue
             cubes = f"{client.work}/cubes.vdb"
@@ -319,7 +320,8 @@ CODECS = ("none", "zip", "active")
 def averages(client):
     """Views of level sets that are averaged over cubes of voxels as the file is read."""
     names = ("plain", "half", "far", "filled", *CODECS)
-    for radius, name in [(60, n) for n in (*names, "named", "beside_a_fog", "stretched")] + [(120, n) for n in names]:
+    small = [(60, n) for n in (*names, "named", "beside_a_fog", "stretched")]
+    for radius, name in small + [(120, n) for n in ("plain", "filled", "zip")]:
         shift = 700 * H if name == "far" else 0.0
         sphere = vdb.createLevelSetSphere(radius * H, (-shift, shift, 0), H)
         sphere.name = "part" if name == "named" else "surface"
