@@ -112,7 +112,7 @@ pub(super) fn stem(path: &Path) -> String {
 }
 
 /// Appends what a design made: its objective and start, the properties on each of its grids of voxels (moduli
-/// relative to the solid's), and the shares of walls and gaps that are too narrow.
+/// relative to the solid's, lengths those of the reference cell).
 pub(super) fn describe_design(report: &DesignReport, text: &mut String) {
     let _ = writeln!(
         text,
@@ -127,22 +127,20 @@ pub(super) fn describe_design(report: &DesignReport, text: &mut String) {
         let flow = p
             .permeability
             .map_or(String::new(), |k| format!(", permeability {k:.3e}"));
-        let way = p
-            .opening
-            .map_or(String::new(), |r| format!(", opening {r:.4}"));
+        let lengths = [
+            ("opening", p.opening),
+            ("least wall", p.least_wall),
+            ("least gap", p.least_gap),
+        ];
+        let lengths: String = lengths
+            .iter()
+            .filter_map(|(what, found)| found.map(|d| format!(", {what} {d:.4}")))
+            .collect();
         let _ = writeln!(
             text,
             "{} sharp voxels: bulk {:.5} ({:.3} of its bound), C44 {:.5}, Zener's ratio {:.3}, Poisson's ratio \
-             {:.3}, conductivity {:.4}{flow}{way}",
+             {:.3}, conductivity {:.4}{flow}{lengths}",
             p.voxels, p.bulk, p.bulk_over_bound, p.c44, p.zener, p.poisson, p.conductivity
-        );
-    }
-    if let Some([solid, void]) = report.narrow {
-        let _ = writeln!(
-            text,
-            "narrower than min_feature: {:.1} % of the solid, {:.1} % of the void",
-            100.0 * solid,
-            100.0 * void
         );
     }
 }

@@ -49,6 +49,7 @@ mod spectral;
 mod stencil;
 mod stokes;
 mod tensor;
+mod width;
 
 pub use bounds::Bounds;
 pub use cg::Control;
@@ -77,6 +78,7 @@ pub use tensor::{
 };
 #[doc(hidden)]
 pub use tensor::{compliance, directional_modulus};
+pub use width::width;
 
 /// Why properties cannot be computed.
 #[derive(Debug, thiserror::Error)]

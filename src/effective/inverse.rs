@@ -53,7 +53,7 @@ pub use target::{Miss, Property, Target, UpperBounds};
 #[doc(hidden)]
 pub use tube::{Tube, Way};
 #[doc(hidden)]
-pub use verify::{properties_of, ways};
+pub use verify::{properties_of, ways, widths};
 
 /// Why a cell cannot be designed.
 #[derive(Debug, thiserror::Error)]
@@ -124,7 +124,7 @@ fn nearest(misses: &[Miss]) -> String {
         let is_least = m.found < m.wanted;
         let word = if is_least { "at most" } else { "at least" };
         let rounded = target::rounded(m.found, is_least);
-        // No cell has a way through its void that is 0 wide.
+        // No cell has a wall, a gap or a way that is 0 wide.
         if rounded == 0.0 {
             return format!(
                 "{} 0 where {} was wanted; expected less, or other starts",

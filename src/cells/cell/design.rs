@@ -25,9 +25,6 @@ pub struct DesignReport {
     pub history: Vec<DesignStep>,
     /// Properties of wholly solid or void voxels, relative to the solid, the finer grid first.
     pub properties: Vec<DesignProperties>,
-    /// Share of the solid, and of the void, that is narrower than `min_feature`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub narrow: Option<[f64; 2]>,
 }
 
 /// One start in one stage.
@@ -75,6 +72,12 @@ pub struct DesignProperties {
     /// Radius of the greatest ball that travels through the void to the next period, reference lengths.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub opening: Option<f64>,
+    /// Least width of the solid, reference lengths.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub least_wall: Option<f64>,
+    /// Least width of the void.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub least_gap: Option<f64>,
     /// Bulk modulus over its Hashin-Shtrikman bound.
     pub bulk_over_bound: f64,
     /// Mean shear modulus over its bound.

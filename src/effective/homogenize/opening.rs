@@ -25,16 +25,16 @@ pub struct Opening {
 
 /// The nodes of a period, `n` along each axis.
 #[derive(Clone, Copy)]
-struct Nodes(usize);
+pub(super) struct Nodes(pub(super) usize);
 
 impl Nodes {
-    fn place(self, node: usize) -> [usize; 3] {
+    pub(super) fn place(self, node: usize) -> [usize; 3] {
         let n = self.0;
         [node / (n * n), node / n % n, node % n]
     }
 
     /// The node a step away, and the period that it lies in.
-    fn beside(self, node: usize, step: [i32; 3]) -> (usize, [i32; 3]) {
+    pub(super) fn beside(self, node: usize, step: [i32; 3]) -> (usize, [i32; 3]) {
         let (n, at) = (self.0 as i32, self.place(node));
         let moved: [i32; 3] = std::array::from_fn(|a| at[a] as i32 + step[a]);
         let inside = moved.map(|m| m.rem_euclid(n) as usize);
@@ -44,13 +44,26 @@ impl Nodes {
 }
 
 /// The steps to the 26 nodes around one.
-fn steps() -> Vec<[i32; 3]> {
+pub(super) fn steps() -> Vec<[i32; 3]> {
     let each = (0..27).map(|s| [s / 9 - 1, s / 3 % 3 - 1, s % 3 - 1]);
     each.filter(|s| *s != [0; 3]).collect()
 }
 
-/// Distance of every node to the wall in node distances, negative in the solid; infinite without a wall.
-fn signed_distances(nodes: Nodes, values: &[f64]) -> Vec<f64> {
+/// Distances to the wall of a phase.
+pub(super) struct Distances {
+    /// Of every node, in node distances: negative outside the phase, infinite without a wall.
+    pub(super) signed: Vec<f64>,
+    /// The point of the wall nearest to every node, a place among `walls`.
+    pub(super) nearest: Vec<u32>,
+    /// Where edges of the grid cross the wall, in node distances.
+    pub(super) walls: Vec<[f64; 3]>,
+    /// The end of each edge in the phase.
+    pub(super) inside: Vec<u32>,
+}
+
+/// Distances to the wall where `values` change their sign.
+pub(super) fn distances(nodes: Nodes, values: &[f64]) -> Distances {
+    let mut inside = Vec::new();
     let mut walls: Vec<[f64; 3]> = Vec::new();
     let mut found = (
         vec![f64::INFINITY; values.len()],
@@ -85,6 +98,7 @@ fn signed_distances(nodes: Nodes, values: &[f64]) -> Vec<f64> {
             let mut wall = nodes.place(node).map(|c| c as f64);
             wall[axis] += here / (here - there);
             walls.push(wall);
+            inside.push(if here > 0.0 { node } else { other } as u32);
             for end in [node, other] {
                 offer(end, walls.len() as u32 - 1, &walls, &mut found);
             }
@@ -112,7 +126,12 @@ fn signed_distances(nodes: Nodes, values: &[f64]) -> Vec<f64> {
         }
     }
     let signed = found.0.into_iter().zip(values);
-    signed.map(|(d, v)| if *v > 0.0 { d } else { -d }).collect()
+    Distances {
+        signed: signed.map(|(d, v)| if *v > 0.0 { d } else { -d }).collect(),
+        nearest: found.1,
+        walls,
+        inside,
+    }
 }
 
 /// Components of the nodes that have entered, each node with the period that it was reached in.
@@ -173,13 +192,21 @@ impl Forest {
 /// The opening of the void where `values` at the nodes are positive; the ball's centre stays on nodes for which
 /// `belongs` is true. The default, of radius 0, where no way leads along all three axes (7, a bit for each).
 pub fn opening(n: usize, values: &[f64], belongs: impl Fn(usize) -> bool) -> Opening {
-    let nodes = Nodes(n);
-    let distances = signed_distances(nodes, values);
-    let mut order: Vec<usize> = (0..values.len()).filter(|v| belongs(*v)).collect();
+    let found = distances(Nodes(n), values);
+    opening_of(Nodes(n), &found.signed, belongs)
+}
+
+/// The same, from distances to the wall.
+pub(super) fn opening_of(
+    nodes: Nodes,
+    distances: &[f64],
+    belongs: impl Fn(usize) -> bool,
+) -> Opening {
+    let mut order: Vec<usize> = (0..distances.len()).filter(|v| belongs(*v)).collect();
     // The sort is stable: of equals the lesser number comes first.
     order.sort_by(|a, b| distances[*b].total_cmp(&distances[*a]));
-    let mut forest = Forest::new(values.len());
-    let mut has_entered = vec![false; values.len()];
+    let mut forest = Forest::new(distances.len());
+    let mut has_entered = vec![false; distances.len()];
     let mut links: Vec<[usize; 2]> = Vec::new();
     let mut loops: Vec<[usize; 2]> = Vec::new();
     let steps = steps();
@@ -211,7 +238,11 @@ pub fn opening(n: usize, values: &[f64], belongs: impl Fn(usize) -> bool) -> Ope
             let radius = distances[node];
             let is_resolved = radius >= MIN_RESOLVED && radius.is_finite();
             return Opening {
-                radius: if is_resolved { radius / n as f64 } else { 0.0 },
+                radius: if is_resolved {
+                    radius / nodes.0 as f64
+                } else {
+                    0.0
+                },
                 path: path(nodes, &links, &own),
             };
         }

@@ -6,7 +6,7 @@
 use super::InverseError;
 use super::design::{Prepared, StartChoice, candidates};
 use super::medium::Medium;
-use super::objective::Objective;
+use super::objective::{Effective, Objective};
 use super::optimise::optimise;
 use super::problem::{Evaluation, Interface, Problem};
 use super::samples::SampledBasis;
@@ -30,6 +30,10 @@ const CONSTRAINED_CORRECTIONS: usize = 4;
 const OPENING_MARGIN: f64 = 1.005;
 /// The least and the greatest radius of the barrier, over the least opening.
 const BARRIER_RADII: [f64; 2] = [0.95, 1.5];
+/// The greatest distance of the surface's moves, over half the least feature.
+const MAX_EROSION: f64 = 2.0;
+/// The key of the least width in messages.
+const FEATURE_KEY: &str = "min_feature";
 /// Part of the last stage's evaluations that each correction has.
 const CORRECTION_SHARE: f64 = 0.4;
 
@@ -47,6 +51,8 @@ struct Candidate {
     objective: Objective,
     /// Radius of the barrier that keeps the void open, over the least opening.
     barrier: f64,
+    /// Distance by which the surface is moved both ways, over half the least feature.
+    erosion: f64,
 }
 
 impl Candidate {
@@ -100,6 +106,39 @@ impl Prepared {
                 .map(|seed| start::random(basis, seed))
                 .collect()),
         }
+    }
+
+    /// Whether the cell must meet constraints.
+    fn is_constrained(&self) -> bool {
+        self.design.min_feature.is_some() || self.design.target.is_constrained()
+    }
+
+    /// Figures of a cell, with its least widths where one is wanted.
+    fn figures(
+        &self,
+        cell: &Cell,
+        n: usize,
+        progress: &dyn Progress,
+    ) -> Result<(DesignProperties, Effective), InverseError> {
+        let (mut own, found) = verify::figures(cell, n, &self.settings, progress)?;
+        if self.design.min_feature.is_some() {
+            [own.least_wall, own.least_gap] = verify::widths(cell, n)?.map(Some);
+        }
+        Ok((own, found))
+    }
+
+    /// The constraints that figures of a cell miss, with the width of walls and gaps.
+    fn misses(&self, found: &DesignProperties) -> Vec<Miss> {
+        let mut all = self.design.target.misses(found);
+        let widths = [found.least_wall, found.least_gap].into_iter().flatten();
+        let found = widths.fold(f64::INFINITY, f64::min);
+        let wanted = self.design.min_feature.filter(|wanted| found < *wanted);
+        all.extend(wanted.map(|wanted| Miss {
+            key: FEATURE_KEY,
+            wanted,
+            found,
+        }));
+        all
     }
 
     fn problem<'a>(
@@ -196,6 +235,9 @@ impl Prepared {
             .par_iter()
             .map(|c| {
                 let mut problem = self.problem(stage, &sampled, space, &c.objective);
+                for erosion in &mut problem.erosions {
+                    *erosion *= c.erosion;
+                }
                 problem.tube = self.tube(c, &problem, self.grids[stage])?;
                 let media = self.media(&problem);
                 Ok(optimise(
@@ -279,6 +321,7 @@ impl Prepared {
                 earlier: Vec::new(),
                 objective: self.objective.clone(),
                 barrier: OPENING_MARGIN,
+                erosion: 1.0,
             })
             .collect();
         let known = if earlier.is_none() {
@@ -302,7 +345,7 @@ impl Prepared {
             }
         }
         let target = &self.design.target;
-        if !is_stopped && (target.has_goals() || target.is_constrained()) {
+        if !is_stopped && (target.has_goals() || self.is_constrained()) {
             is_stopped = self.correct(&mut all, &space, &mut report, progress)?;
         }
         report.complete = !is_stopped;
@@ -342,6 +385,7 @@ impl Prepared {
                     earlier: Vec::new(),
                     objective: self.objective.clone(),
                     barrier: 1.0,
+                    erosion: 1.0,
                 }
             });
         evaluated.collect()
@@ -359,7 +403,7 @@ impl Prepared {
         let stage = self.design.stages.len() - 1;
         let share = CORRECTION_SHARE * self.stage_evaluations(stage) as f64;
         let target = &self.design.target;
-        let rounds = if target.is_constrained() {
+        let rounds = if self.is_constrained() {
             CONSTRAINED_CORRECTIONS
         } else {
             CORRECTIONS
@@ -372,15 +416,21 @@ impl Prepared {
                 };
                 let cell = self.cell(&best.coefficients, best.level, space)?;
                 let fine = 2 * self.design.voxels;
-                match verify::figures(&cell, fine, &self.settings, progress) {
+                match self.figures(&cell, fine, progress) {
                     Ok((own, found)) => {
-                        is_met &= target.misses(&own).is_empty();
+                        let misses = self.misses(&own);
+                        is_met &= misses.is_empty();
                         candidate.objective =
                             self.objective.corrected(target, &best.effective, &found);
                         // The barrier gives way a little: it is moved by what the opening misses.
                         if let (Some(least), Some(found)) = (target.min_opening, own.opening) {
                             let moved = candidate.barrier * OPENING_MARGIN * least / found;
                             candidate.barrier = moved.clamp(BARRIER_RADII[0], BARRIER_RADII[1]);
+                        }
+                        // What is too narrow must survive moves that are longer by as much.
+                        for miss in misses.iter().filter(|m| m.key == FEATURE_KEY) {
+                            let moved = candidate.erosion * miss.wanted / miss.found;
+                            candidate.erosion = moved.min(MAX_EROSION);
                         }
                     }
                     Err(e) if e.is_cancelled() => return Ok(true),
@@ -438,8 +488,8 @@ impl Prepared {
             let (cost, properties) = if is_stopped {
                 (best.cost, None)
             } else {
-                let (own, found) = verify::figures(&cell, fine, &self.settings, progress)?;
-                let misses = self.design.target.misses(&own);
+                let (own, found) = self.figures(&cell, fine, progress)?;
+                let misses = self.misses(&own);
                 if !misses.is_empty() {
                     let size = |all: &[Miss]| all.iter().map(Miss::size).fold(0.0, f64::max);
                     if nearest.as_ref().is_none_or(|n| size(&misses) < size(n)) {
@@ -472,12 +522,8 @@ impl Prepared {
         report.start.clone_from(&candidate.start);
         report.objective = cost;
         if let Some(own) = properties {
-            let coarse =
-                verify::properties_of(&cell, self.design.voxels, &self.settings, progress)?;
+            let (coarse, _) = self.figures(&cell, self.design.voxels, progress)?;
             report.properties = vec![own, coarse];
-            if let Some(d) = self.design.min_feature {
-                report.narrow = Some(verify::narrow_shares(&cell, fine, d, progress)?);
-            }
         }
         let report = FitReport {
             method: "target".to_owned(),

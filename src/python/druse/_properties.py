@@ -110,7 +110,7 @@ def design(
     seed : int, optional
         Seed of random cells to start from.
     min_feature : float, optional
-        Least width of walls and gaps, reference lengths.
+        Least width of walls and gaps, reference lengths; a cell that falls short is an error.
     match : Cell or iterable of Cell
         Cells whose trace on the faces the cell keeps, so that they meet.
     resume : Cell, optional

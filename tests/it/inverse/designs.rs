@@ -97,17 +97,6 @@ fn isotropic_networks_are_designed() {
 }
 
 #[test]
-fn narrow_features_are_designed() {
-    let wide = search(Design {
-        min_feature: Some(0.1),
-        starts: 1,
-        ..short(largest(Property::Bulk), 0.4)
-    });
-    let narrow = wide.report().unwrap().design.as_ref().unwrap().narrow;
-    assert!(narrow.unwrap()[0] < 0.2, "{narrow:?}");
-}
-
-#[test]
 fn a_matched_cell_has_the_trace_of_the_other() {
     let plain = Surface::SchwarzP.cell(Element::Hex).unwrap();
     let level = plain.level_for_volume_fraction(0.25).unwrap();
