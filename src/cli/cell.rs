@@ -124,7 +124,7 @@ fn group_info(name: &str, lattice: Option<&str>, radius: f64) -> Result<Answer, 
     Ok(list_group(group, space, radius))
 }
 
-/// The same for a group from a file of generators. The lattice of the file comes first, then `lattice`, then a default.
+/// The same for a group from a file of generators. Its lattice is that of the file, else `lattice`, else a default.
 fn group_file(path: &Path, lattice: Option<&str>, radius: f64) -> Result<Answer, Failure> {
     let fault = |e| crate::pipeline::group_fault(path, e);
     let group = crate::pipeline::read_group(path)?;
@@ -133,12 +133,26 @@ fn group_file(path: &Path, lattice: Option<&str>, radius: f64) -> Result<Answer,
         let (group, own) = group
             .group::<2>(&name, lattice.unwrap_or("square"))
             .map_err(fault)?;
+        check_lattice(path, lattice, own.name())?;
         return Ok(list_group(group, own, radius));
     }
     let (group, own) = group
         .group::<3>(&name, lattice.unwrap_or("cubic"))
         .map_err(fault)?;
+    check_lattice(path, lattice, own.name())?;
     Ok(list_group(group, own, radius))
+}
+
+/// Refuses a lattice beside a file that names another.
+fn check_lattice(path: &Path, given: Option<&str>, own: Option<&str>) -> Result<(), Failure> {
+    match given {
+        Some(lattice) if own != Some(lattice) => Err(Failure::usage(format!(
+            "--lattice {lattice} beside {}, whose lattice is {}: leave one of them out",
+            path.display(),
+            own.unwrap_or("of its own")
+        ))),
+        _ => Ok(()),
+    }
 }
 
 /// The operators, elements and orbits of a point group in `D` dimensions, up to frequencies of `radius`, at most 16.

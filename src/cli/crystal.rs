@@ -11,7 +11,7 @@ use crate::io::{
 use crate::mesh::MeshReport;
 use crate::pipeline::{clock_parameters, crystal_script};
 use crate::polymesh::{Interpreter, LoadOptions, PolyMesh, Script, Triangulated};
-use crate::recipe::{Length, PictureSize, Recipe, Scale};
+use crate::recipe::{Length, PictureSize, Recipe};
 use crate::sequence::{Clock, FrameList};
 use crate::vdb;
 use crate::vdb::{Image, LevelSet, VdbWriter};
@@ -186,7 +186,7 @@ fn one_crystal(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
             super::numbers::size(*bytes)
         );
         if p.voxel_size.is_none() && is_volume(path) {
-            let voxel = voxel_size(p, &mesh, source.unit);
+            let voxel = voxel_size(p, &mesh, source.unit)?;
             let _ = write!(text, "  voxels of {voxel} {}", source.unit.symbol());
             facts["voxel_size"] = json!(voxel);
         }
@@ -376,21 +376,21 @@ fn is_volume(path: &Path) -> bool {
 
 /// Edge of a voxel in the crystal's unit: as given, else a share of its longest side, or where that is too small the
 /// least that OpenVDB holds, rounded up to two digits.
-fn voxel_size(p: &Parameters, mesh: &PolyMesh, unit: LengthUnit) -> f64 {
-    let scale = Scale {
-        unit,
-        voxel_size: f64::NAN,
-    };
+fn voxel_size(p: &Parameters, mesh: &PolyMesh, unit: LengthUnit) -> Result<f64, Failure> {
     if let Some(given) = p.voxel_size {
-        return given.resolve(scale);
+        return given.in_unit(unit, unit).ok_or_else(|| {
+            Failure::usage(format!(
+                "--voxel-size {given}; expected a length, as in 0.1mm"
+            ))
+        });
     }
     let least = Transform::MIN_VOXEL_SIZE / unit.to(LengthUnit::Metre);
     let target = mesh.bounds().size().max() / DEFAULT_RESOLUTION;
     if target >= least {
-        return target;
+        return Ok(target);
     }
     let digit = 10f64.powf(least.log10().floor() - 1.0);
-    (least / digit).ceil() * digit
+    Ok((least / digit).ceil() * digit)
 }
 
 /// Writes a mesh in the format of a path's extension.
@@ -404,7 +404,7 @@ fn write(
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     match extension.as_deref() {
         Some("vdb") => {
-            let voxel = voxel_size(p, mesh, unit);
+            let voxel = voxel_size(p, mesh, unit)?;
             let factor = unit.to(LengthUnit::Metre);
             if voxel * factor < Transform::MIN_VOXEL_SIZE {
                 let message = format!(

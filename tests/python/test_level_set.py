@@ -157,6 +157,11 @@ def test_solids_that_cross_the_bounds(caplog):
     assert (part.bounds[0] > -0.2).all() and (part.bounds[1] < np.array(bounds[1]) + 0.2).all()
 
 
+def test_a_function_gives_a_value_for_each_point():
+    with pytest.raises(druse.ArgumentError, match=r"gave 2 values for points of shape \[\d+, 3\]"):
+        druse.LevelSet.from_function(lambda points: np.zeros(2), [[0] * 3, [1] * 3], 0.2)
+
+
 def test_dense_arrays_that_are_no_distances(caplog):
     axis = np.arange(20) - 9.5
     ball = np.linalg.norm(np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1), axis=-1) - 6

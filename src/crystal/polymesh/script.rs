@@ -212,6 +212,9 @@ impl<'a> Interpreter<'a> {
     pub fn set(&mut self, name: &str, value: &str) -> Result<(), String> {
         let parsed = Expression::parse(value).map_err(|e| e.message)?;
         let number = parsed.number(&|_, _| None).map_err(|e| e.message)?;
+        if !number.is_finite() {
+            return Err(format!("the value is {number}; expected a finite number"));
+        }
         self.overrides.insert(name.to_owned(), number);
         Ok(())
     }

@@ -392,6 +392,27 @@ fn a_script_saves_inside_its_folder() {
 }
 
 #[test]
+fn numbers_of_a_crystal_are_finite_lengths() {
+    let place = Place::new();
+    place.write("s.crystal", "param t = 1\ncube edge=t\n");
+    let base = ["crystal", "s.crystal", "-o", "s.vdb"];
+    let voxels = ["--voxel-size 2vx", "expected a length"];
+    refused(
+        &place,
+        &[&base[..], &["--voxel-size", "2vx"]].concat(),
+        64,
+        &voxels,
+    );
+    let infinite = ["the value is inf", "expected a finite number"];
+    refused(
+        &place,
+        &[&base[..], &["--set", "t=1/0"]].concat(),
+        64,
+        &infinite,
+    );
+}
+
+#[test]
 fn scenes_and_components_beside_an_output_replace_no_input() {
     let place = Place::new();
     let recipe = |output: &str| {
