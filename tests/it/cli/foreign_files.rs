@@ -400,14 +400,14 @@ fn numbers_of_a_crystal_are_finite_lengths() {
     refused(
         &place,
         &[&base[..], &["--voxel-size", "2vx"]].concat(),
-        64,
+        2,
         &voxels,
     );
     let infinite = ["the value is inf", "expected a finite number"];
     refused(
         &place,
         &[&base[..], &["--set", "t=1/0"]].concat(),
-        64,
+        2,
         &infinite,
     );
 }
