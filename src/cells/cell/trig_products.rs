@@ -79,8 +79,8 @@ fn derivative(function: usize) -> (usize, f64) {
 
 /// `None` if it is no single series, has another period, harmonics beyond 3 or more than 16 products.
 impl Products {
-    /// The products of a cell whose function is one series of period 1 along the axes, with at most [`MAX_HARMONICS`]
-    /// and [`MAX_PRODUCTS`]; `None` for any other.
+    /// The products of a cell whose function is one series of period 1 along the axes, with at most `MAX_HARMONICS`
+    /// and `MAX_PRODUCTS`; `None` for any other.
     pub fn of(cell: &Cell, expression: &Expression) -> Option<Self> {
         let series = expression.series()?;
         if series.lattice().periods()? != [1.0; 3] {
