@@ -4,7 +4,6 @@
 //! caller. The function is called on blocks of points. Its values at the centres of leaves (in a large box of some),
 //! computed first, bound it everywhere by its Lipschitz constant, so that culling calls no function.
 
-use crate::fault::Fault;
 use druse::field::{Field, Interval, LeafBits, Leaves, SampleLattice};
 use druse::frame::{Aabb, Vec3, WorldPoint};
 use druse::progress::Progress;
@@ -37,8 +36,8 @@ pub(crate) struct CallableField<'a> {
 
 impl<'a> CallableField<'a> {
     /// Samples the function around the box `extent`, with the band of `half_width` voxels. `lipschitz` is the
-    /// greatest slope of the function. After an exception, or an answer of another length, the field is not sound and
-    /// keeps the error; a cancellation only leaves values that are NaN.
+    /// greatest slope of the function. After an exception the field is not sound and keeps it; a cancellation, or an
+    /// answer of another length, only leaves values that are NaN.
     pub(crate) fn new(
         function: Py<PyAny>,
         lipschitz: f64,
@@ -98,7 +97,7 @@ impl<'a> CallableField<'a> {
         raised.take()
     }
 
-    /// Values at points; NaN after an error or a cancellation.
+    /// Values at points; NaN after an exception, a cancellation, or an answer of another length.
     fn call(&self, points: impl ExactSizeIterator<Item = Vec3>) -> Vec<f64> {
         let count = points.len();
         let flat: Vec<f64> = points.flat_map(|p| [p.x, p.y, p.z]).collect();
@@ -110,17 +109,11 @@ impl<'a> CallableField<'a> {
             let array = PyArray1::from_vec(py, flat).reshape([count, 3])?;
             let found = self.function.bind(py).call1((array,))?;
             let found: PyReadonlyArray1<'_, f64> = found.extract()?;
-            match found.as_slice()? {
-                values if values.len() == count => Ok(values.to_vec()),
-                values => Err(Fault::Argument(format!(
-                    "the function gave {} values for points of shape [{count}, 3]; expected shape [{count}]",
-                    values.len()
-                ))
-                .raise(py)),
-            }
+            Ok(found.as_slice()?.to_vec())
         });
         let failed = match called {
-            Ok(values) => return values,
+            Ok(values) if values.len() == count => return values,
+            Ok(_) => return vec![f64::NAN; count],
             Err(e) => e,
         };
         let mut raised = self.raised.lock().unwrap_or_else(PoisonError::into_inner);

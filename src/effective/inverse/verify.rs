@@ -285,6 +285,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "long; tests/run full"]
     fn a_design_has_the_width_that_it_reports() {
         let least = |cell: &Cell, n: usize| {
             let own = &cell.report().unwrap().design.as_ref().unwrap().properties[n];
@@ -308,6 +309,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "long; tests/run full"]
     fn widths_of_named_surfaces_are_those_of_inscribed_balls() {
         for surface in [Surface::SchwarzP, Surface::Gyroid, Surface::Iwp] {
             let cell = surface.cell(Element::Hex).unwrap();
@@ -324,6 +326,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "long; tests/run full"]
     fn widths_that_no_cell_has_name_the_nearest() {
         let e = designed(Some(0.45), 0.3).err().unwrap();
         assert!(matches!(e, InverseError::Infeasible { .. }), "{e}");
