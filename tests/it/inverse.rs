@@ -5,6 +5,7 @@ mod gradients;
 mod openings;
 mod oracles;
 mod refusals;
+mod widths;
 
 use druse::frame::Element;
 use druse::inverse::{Design, Property, Target};

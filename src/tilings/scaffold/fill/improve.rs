@@ -69,8 +69,8 @@ pub(super) struct TetMesh<'a> {
     /// Corners with positive volume; `u32::MAX` for a removed tet.
     pub tets: Vec<[u32; 4]>,
     around: Vec<Vec<u32>>,
-    /// When a tet around each node changed last, and when a change of each tet and each node was last tried in vain:
-    /// it is not tried again before something near it changes.
+    /// The step of the last change beside each node, and of the last failed attempt at each tet and at each node: none
+    /// is repeated before something beside it has changed.
     changed: Vec<u32>,
     tried_tets: Vec<u32>,
     tried_nodes: Vec<u32>,
