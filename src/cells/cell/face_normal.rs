@@ -156,7 +156,7 @@ pub(super) fn projected<const D: usize>(
     rows
 }
 
-/// Largest |n . grad Phi| over sample points on the bounding planes of an element.
+/// Largest |n . grad Phi| at 60 points of each bounding plane of an element; between them it may be a little larger.
 pub fn residual<const D: usize>(series: &Series<D>, element: Element) -> f64 {
     let corners: Vec<SVector<f64, D>> = element
         .vertices()
@@ -169,8 +169,8 @@ pub fn residual<const D: usize>(series: &Series<D>, element: Element) -> f64 {
             .iter()
             .filter(|c| (plane.normal.dot(c) - plane.offset).abs() < 1e-9)
             .collect();
-        // Convex combinations of the corners with quasi-random weights: steps of the golden ratio, with another shift
-        // by sqrt 2 for each corner.
+        // Convex combinations of the corners with quasi-random weights: steps of the golden ratio, shifted by
+        // i^2 (sqrt 2 - 1) + 0.1, modulo 1, so that the weights of no two corners i are the same sequence.
         for n in 1..=60u32 {
             let weights: Vec<f64> = (0..own.len())
                 .map(|i| (f64::from(n) * 0.618_034 + (i * i) as f64 * 0.414_214 + 0.1).fract())

@@ -39,9 +39,9 @@ impl Capsule {
     fn radial_vector(&self, p: WorldPoint) -> Vec3 {
         let [a, b] = self.ends;
         let axis = b - a;
-        let length = axis.norm_squared();
-        let t = if length > 0.0 {
-            ((p.0 - a).dot(&axis) / length).clamp(0.0, 1.0)
+        let square = axis.norm_squared();
+        let t = if square > 0.0 {
+            ((p.0 - a).dot(&axis) / square).clamp(0.0, 1.0)
         } else {
             0.0
         };

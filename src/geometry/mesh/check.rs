@@ -72,7 +72,7 @@ pub struct MeshReport {
     pub pinched_vertices: Finding,
     /// Triangles without area.
     pub degenerate: Finding,
-    /// Triangles that intersect others; `None` if not checked.
+    /// Pairs of triangles that intersect: not all, but none exactly if no triangles do; `None` if not checked.
     pub self_intersections: Option<Finding>,
     /// Orientation, overlap and nesting of shells; `None` if not checked, also where too many triangles overlap.
     pub shells: Option<ShellReport>,

@@ -49,7 +49,7 @@ fn cross(soup: &Soup, bounds: &Aabb, q: Vec3, mut visit: impl FnMut(usize, i64))
     soup.along(q, axis, is_forward, |slot| {
         let t = &soup.corners[slot];
         let crossings = crossings(t, q, axis);
-        // The triangle lies ahead of q, not behind it: its plane's side agrees with its turn seen along the ray.
+        // The triangle lies ahead of q: its plane's side agrees with its turn seen along the ray. On it, q counts 0.
         if crossings != 0 && side_of_plane(t, q) * f64::from(crossings) * direction > 0.0 {
             // The boxes of two pieces of a triangle may both meet the ray, which crosses it once.
             if soup.is_cut() {

@@ -29,8 +29,8 @@ const ARC_ROUNDING: f64 = 1e-12;
 const NO_HUB: u32 = u32::MAX;
 
 /// Sorted pairs of intersecting triangles by number: one for every triangle that meets one in a later slot. Triangles
-/// without area are skipped. One pair per triangle suffices to mark it; this is no list of all pairs. Progress is in
-/// triangles, chunk by chunk.
+/// without area are skipped. Empty exactly if none meet, but no list of all: a triangle that only earlier ones meet may
+/// be in no pair. Progress is in triangles, chunk by chunk.
 pub(crate) fn meeting_pairs(
     soup: &Soup,
     progress: &dyn Progress,

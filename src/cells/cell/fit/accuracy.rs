@@ -307,7 +307,7 @@ fn numerical_gradient(target: &Target, x: Vec3) -> (f64, Vec3) {
 }
 
 /// Sampled one-sided distances; `None` if either function has no surface.
-/// In reference lengths. Where the source's values are distances, its own value is the distance of a cell's point.
+/// In reference lengths. Where the source's values are distances, so are taken the target's; a mean is only near one.
 fn hausdorff(
     cell: &Cell,
     target: &Target,
@@ -342,7 +342,7 @@ fn hausdorff(
         .reduce(|| 0.0, f64::max);
     let stride = info.points.len().div_ceil(MAX_SOURCE_POINTS).max(1);
     let mut points = source_points;
-    // For an asymmetric source the target is the average of its images, which does not contain these points.
+    // The target of an asymmetric source combines its images (mean, least, greatest): these points may be off it.
     if target.symmetric {
         points.extend(info.points.iter().step_by(stride));
     }

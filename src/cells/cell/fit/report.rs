@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 /// The accuracy of a cell relative to the geometry of its fit. Lengths are in reference units.
 ///
-/// Distances refer to the source averaged over its images, if the source lacks the symmetry.
+/// Distances refer to the combined images of the source, if the source lacks the symmetry.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct FitReport {

@@ -18,7 +18,7 @@ use rustfft::{FftPlanner, FftPlannerScalar, num_complex::Complex64};
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
-/// Largest index on the period along an axis that a table supports.
+/// Largest index along an axis that a table supports: its waves need 2 * 127 + 1 samples, and the most are 256.
 const MAX_INDEX: i32 = 127;
 
 /// The spectrum of a series on the box of its periods, with edges along the Cartesian axes.
@@ -155,7 +155,7 @@ impl Spectrum {
             ],
             twofold: keeps([-1.0, -1.0, 1.0]) && keeps([1.0, -1.0, -1.0]),
             // All h of one parity: the translations by half a period along two axes leave the function
-            // unchanged, as in `fcc2`.
+            // unchanged, as those of the lattice `fcc2` do.
             face_centred: D == 3 && terms.iter().all(|(h, _)| even(h, 0, 1) && even(h, 1, 2)),
             exchanged: [
                 has(Mat3::new(0., 1., 0., 1., 0., 0., 0., 0., 1.)),
