@@ -2,8 +2,8 @@
 //!
 //! Displacements stand at the corners of voxels, gradients at their centres: the difference of the means of
 //! opposite sides. That is a hexahedral element with one integration point, in Fourier space the frequency
-//! `(s_x c_y c_z, ...)` of Willot's rotated scheme (2015). Rows along z are the unit of work, so that the inner
-//! loops are plain arithmetic on contiguous numbers.
+//! `(s_x c_y c_z, ...)` of Willot's rotated scheme (2015), with s = 2 sin(pi k / N) / h and c = cos(pi k / N). Rows
+//! along z are the unit of work, so that the inner loops are plain arithmetic on contiguous numbers.
 
 use super::grid::Grid;
 use super::spectral::Spectral;
@@ -292,7 +292,7 @@ impl Frequencies {
         }
     }
 
-    /// Those of trigonometric polynomials: 2 pi k / L with k from -N / 2 to N / 2, and no means over the other axes.
+    /// Those of trigonometric polynomials: 2 pi k / L with k in (-N / 2, N / 2], and no means over the other axes.
     pub fn trigonometric(grid: Grid) -> Self {
         let (counts, size) = (grid.counts(), grid.size());
         Self {

@@ -160,7 +160,7 @@ impl Objective {
         Self::new(moved, self.bounds)
     }
 
-    /// The value and its derivatives; `None` for a stiffness that is singular, or a property that is not positive.
+    /// The value and its derivatives; `None` for a singular stiffness, or a value that is not finite.
     pub fn cost(&self, found: &Effective) -> Option<Cost> {
         let c = &found.stiffness;
         let mut cost = Cost::default();
@@ -214,7 +214,7 @@ impl Objective {
             let by = mean_slopes([-c12 / (sum * sum), c11 / (sum * sum), 0.0]);
             add(&mut cost.by_stiffness, 2.0 * POISSON_WEIGHT * off, &by);
         }
-        // The logarithm of the permeability below its least or above its greatest value.
+        // The logarithm of the permeability below its least or above its greatest value; 0 for one below 0 (NaN).
         let flow = |bound: Option<f64>| bound.map_or(0.0, |k| (found.permeability / k).ln());
         let off = flow(self.target.min_permeability).min(0.0)
             + flow(self.target.max_permeability).max(0.0);

@@ -1,8 +1,8 @@
 //! Counts, measures and defects of a scaffold.
 //!
 //! Folded and degenerate elements have no inverse map, and where elements of one component overlap the
-//! field has two values: these are errors. Hanging and unmerged nodes,
-//! torn, non-manifold and overlapping places leave a seam in the tiled field: they are warnings.
+//! field has two values: these are errors. Hanging, unmerged and overlapping
+//! nodes, torn and non-manifold faces leave a seam in the tiled field: they are warnings.
 
 use super::orientation::parametric_scale;
 use super::{Defects, Kind, Orientation, Scaffold};

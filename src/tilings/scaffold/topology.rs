@@ -111,7 +111,7 @@ impl Topology {
         topology
     }
 
-    /// Puts the faces within each element in another order: `renumbered` gives the new number of a face.
+    /// Puts the faces within each element (at least one) in another order: `renumbered` gives a face its new number.
     pub fn renumber(&mut self, renumbered: impl Fn(FaceRef) -> FaceRef) {
         let ends = self.starts[1..].iter().copied();
         let ends = ends.chain([self.neighbours.len() as u32]);

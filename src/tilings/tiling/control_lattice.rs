@@ -1,8 +1,8 @@
 //! Cubic B-splines over a lattice of control points in space.
 //!
-//! With control values `c_j` at spacing h, the value at x is the sum over the 4^3 nearest of B(x/h - j) `c_j`.
-//! It is twice differentiable whatever the elements are, within the range of those 64 values, and linear where
-//! the `c_j` are. Outside the lattice it keeps the value at the edge.
+//! With control values `c_j` at spacing h, the value at x is the sum over the 4^3 nearest of B(x/h - j) `c_j`: twice
+//! differentiable whatever the elements are, within the range of those 64 values, and linear where the `c_j` are. From
+//! one interval inside the edge outward the value there is kept, though `at` still gives the slope there.
 
 use super::Interval;
 use crate::scaffold::Scaffold;

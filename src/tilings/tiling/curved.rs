@@ -188,7 +188,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 batch.open.extend(needed);
                 continue;
             };
-            // L (R + d), the value at the centre that decides all samples.
+            // L (R + d): with |F| of that at the centre, all samples, at most R away, are at least d from the surface.
             let change = |reach: f64| self.max_change(&local.near, block.radius + reach);
             if block.f >= change(known.wanted.hi) {
                 for t in samples {

@@ -122,7 +122,7 @@ impl<'a> Distribution<'a> {
         if !is_linear || whole.hi - whole.lo < 1e-12 {
             return whole;
         }
-        // The components of the slope are multilinear: their extremes are at corners.
+        // The components of the slope are multilinear: their extremes are at corners. Those of a pyramid are rational.
         let mut steepest = Vec3::zeros();
         for v in shape.vertices() {
             let c = CornerFunctions::at(shape, CellPoint(v), Interpolation::Linear);

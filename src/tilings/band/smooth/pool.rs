@@ -81,7 +81,7 @@ impl Pool {
                         NEIGHBOUR_STEPS[d][1],
                         NEIGHBOUR_STEPS[d][2],
                     ));
-                    // A voxel of the face towards the neighbour.
+                    // One voxel of the face has the neighbour's sign: in a closed band no surface lies between them.
                     let nearest = match d {
                         1 => values[56][0],
                         3 => values[7][0],

@@ -1,7 +1,7 @@
 //! Samples outside the scaffold: `d = max(d_F, d_S)`, the cut at the boundary.
 //!
 //! `d_S` is the exact distance to the boundary, `d_F` the distance of the field at the closest point of the boundary.
-//! Without a cut, `d_F` alone continues the field. Up to 64 closest points make one batch of rule Q.
+//! Without a cut, `d_F` alone continues the field. Up to 64 closest points make one batch of rule Q (`rule`).
 
 use super::AffineBuffers;
 use super::block::FillContext;
@@ -15,7 +15,7 @@ use druse_geometry::frame::{Aabb, Vec3};
 /// A point more than this outside all elements, voxels, is not in a gap due to rounding.
 pub(super) const GAP_TOLERANCE: f64 = 1e-6;
 
-/// A sample in no element.
+/// A sample in no element: its storage index, its point in world space, and the number of its part.
 #[derive(Clone, Copy)]
 pub(super) struct ExteriorSample {
     pub n: usize,
@@ -35,8 +35,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         self.value_at(context.component, &mut local, sample.x, known)
     }
 
-    /// Values outside the scaffold: those at the closest points of its boundary, and at least the distance to
-    /// them where the boundary cuts.
+    /// Values outside the scaffold, world units: those at the closest points of its boundary, and at least the distance
+    /// to them where the boundary cuts; w where that distance is beyond what the part wants.
     pub(super) fn fill_exterior(
         &self,
         context: &FillContext,
