@@ -45,7 +45,7 @@ pub(super) struct Parameters {
 /// Operations that a recipe enables by `true`; others without a value get an empty table, for the defaults.
 const FLAGS: [&str; 4] = ["keep_largest", "fill_voids", "prune", "fog"];
 
-/// Writes a recipe of the operations and the output on the command line, and runs it.
+/// Writes a recipe of the operations and the output on the command line, and runs it. Pictures have no unit.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let (mut draft, unit) = Draft::of_file(&p.file, &p.choice)?;
     for text in &p.operations {

@@ -1,6 +1,6 @@
 //! Work outside the interpreter's lock: threads, progress and interruption.
 //!
-//! The work runs on a thread of its own and in a pool. The calling thread waits without the lock, and takes it a few
+//! The work runs on a thread of its own and in a pool. The calling thread waits without the lock, and takes it 20
 //! times a second to deliver progress and to let the interpreter handle signals. An exception there, such as
 //! `KeyboardInterrupt`, cancels the work and is raised once it has stopped, or soon after.
 

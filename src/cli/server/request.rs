@@ -79,7 +79,7 @@ fn is_timeout(e: &std::io::Error) -> bool {
 }
 
 /// Reads the request of a connection, checks who sends it, and reads its body. The refusal has the status and text
-/// of the answer.
+/// of the answer; a Content-Length that is no number counts as too long (413).
 pub(super) fn read_request(stream: &mut TcpStream, guard: &Guard) -> Result<Request, Refusal> {
     let mut reader = TimedReader {
         stream,

@@ -198,7 +198,7 @@ impl Source {
     /// Reads the next line, for [`Source::current`]; `false` at the end.
     ///
     /// # Errors
-    /// When a line is longer than a mebibyte, or the system fails.
+    /// When a line is longer than a mebibyte, the text is UTF-16, or the system fails.
     pub fn advance(&mut self) -> Result<bool, ReadError> {
         self.joined = None;
         let first = self.byte == 0;

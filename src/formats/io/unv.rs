@@ -2,9 +2,9 @@
 //!
 //! Nodes (datasets 15, 781, 2411), elements (780, 2412) and groups (eight numbers from 2417 to 2477) are read; units
 //! (164) produce a note. Old elements (71, 2410) are refused, other datasets ignored; lines, springs and masses are
-//! counted and skipped. A file without groups has one per property. Second-order elements alternate corners and mids.
-//!
-//! A dataset is a line of -1, its number, records and a line of -1. Records are read by words, not by columns.
+//! counted and skipped. Where no group has elements each property makes one.
+//! Second-order elements alternate corners and mids. A dataset is a line of -1, its number, records and a line of
+//! -1; records are read by words, not by columns.
 
 mod table;
 
@@ -140,7 +140,7 @@ impl File<'_> {
         }
     }
 
-    /// Nodes of datasets 781 and 2411: number and systems on one line, coordinates on the next.
+    /// Nodes of datasets 781 and 2411: number and systems, which are ignored, on one line, coordinates on the next.
     fn nodes(&mut self) -> Result<(), ReadError> {
         while let Some(line) = self.record("a node or -1")? {
             let head = self.whole(&line, "a node's number and systems")?;
@@ -152,7 +152,7 @@ impl File<'_> {
         Ok(())
     }
 
-    /// Nodes of dataset 15: number, systems, colour and coordinates in one line.
+    /// Nodes of dataset 15: number, systems (the first at most 1, the global one), colour and coordinates in one line.
     fn nodes_on_one_line(&mut self) -> Result<(), ReadError> {
         while let Some(line) = self.record("a node or -1")? {
             let words: Vec<&str> = line.split_whitespace().collect();

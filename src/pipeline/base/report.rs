@@ -193,14 +193,14 @@ pub struct BandReport {
     pub leaves_kept: u64,
     /// Number of points at which the field was evaluated.
     pub voxels_evaluated: u64,
-    /// Elements of the scaffold near those leaves, whose cells were evaluated. Absent without a scaffold
-    /// and for merges of bricks.
+    /// Elements of the scaffold near those leaves, whose cells were evaluated. Absent without a scaffold,
+    /// for round beams and for merges of bricks.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub elements_visited: Option<u64>,
     /// Leaves that were interpolated between values of the cell at nodes; absent as above.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub leaves_by_nodes: Option<u64>,
-    /// The kernel that evaluated the tiling; absent without one and for merges of bricks.
+    /// The kernel that evaluated the tiling; absent as above.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub kernel: Option<Kernel>,
 }

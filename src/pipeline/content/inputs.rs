@@ -1,8 +1,8 @@
 //! The inputs of a run, read once: meshes of its operations, its scaffold, its cells, its grids.
 //!
 //! Files are read in the order: solids of operations, standalone cells, the scaffold with its tiling, grids. All are
-//! read before the sampling, so that the stages agree on their contents. Offsets are chosen last, because they need the
-//! field.
+//! read before the sampling, so that the stages agree on their contents. Offsets are chosen last (in `field::offsets`),
+//! because they need the field.
 
 use super::fractions;
 use super::tiling::CellTiling;
@@ -213,7 +213,7 @@ impl<'a> Inputs<'a> {
         self.offsets
     }
 
-    /// The kernel that evaluated the tiling; `None` before its field exists.
+    /// The kernel that evaluated the tiling; `None` before its field exists, and always for round beams.
     pub fn kernel(&self) -> Option<Kernel> {
         self.kernel.get().copied()
     }
@@ -223,7 +223,7 @@ impl<'a> Inputs<'a> {
         self.visits.clear();
     }
 
-    /// Number of elements visited since the reset; `None` without a tiling or before its field exists.
+    /// Number of elements visited since the reset; `None` where [`Self::kernel`] is.
     pub fn elements_visited(&self) -> Option<u64> {
         self.kernel().map(|_| self.visits.count())
     }

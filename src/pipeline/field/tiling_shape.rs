@@ -1,6 +1,6 @@
 //! The tiled scaffold of a recipe as one field: cells mapped through its elements, or round beams, or sheets, cut
-//! by the mesh that a generated scaffold fills (the envelope). Its kernel and visited elements are recorded for
-//! the report.
+//! by the mesh that a generated scaffold fills (the envelope). Its kernel and visited elements, which round beams
+//! do not have, are recorded for the report.
 
 use crate::field::WorldField;
 use crate::frame::Aabb;
@@ -44,7 +44,7 @@ impl Inputs<'_> {
     }
 
     /// The tiled scaffold as a field in world units, if the recipe has one; `None` without a tiling. The first
-    /// call sets the kernel of the report.
+    /// call sets the kernel of the report, except for round beams.
     pub fn tiling_shape(
         &self,
         scale: Scale,

@@ -75,7 +75,7 @@ pub fn resolution_fault(n: usize, settings: &Settings, keeps_solutions: bool) ->
     None
 }
 
-/// Effective properties of a period, from two grids.
+/// Effective properties of a period, from two grids; derivatives follow from the solutions on the finer one.
 ///
 /// # Errors
 /// [`HomogenizeError`]: a band that the grid does not hold, a solver that does not converge, derivatives of a cell

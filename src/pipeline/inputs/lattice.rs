@@ -66,7 +66,7 @@ fn add_beam(beam: &FileBeam, beams: &mut Vec<Beam>, rods: &mut Vec<Rod>) {
 impl LatticeSolid {
     /// The beams of a file under a map that scales by `factor`, to world units. `solid` makes a solid of a
     /// clipping mesh (a mesh whose inside or outside alone the beams of a part keep). `None` if there are no
-    /// beams.
+    /// beams, or none left in the box of the mesh that clips them.
     pub fn new(
         parts: &[BeamPart],
         map: impl Fn(Vec3) -> Vec3,
@@ -186,7 +186,7 @@ impl ClippedBeams {
 /// unit, `half_width` in voxels.
 ///
 /// # Errors
-/// A mesh that bounds no solid; an error of the band or of OpenVDB.
+/// A mesh that bounds no solid; a file without beams, or with none left by clips; an error of the band or of OpenVDB.
 pub fn solid_picture(
     path: &Path,
     solid: &SolidFile,

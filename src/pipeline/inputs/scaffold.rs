@@ -58,7 +58,7 @@ pub(crate) struct LoadedScaffold {
 struct SourceScaffold {
     scaffold: Scaffold,
     path: Option<PathBuf>,
-    /// The file's number of each node; empty without a file.
+    /// The file's number of each node (of a shell or plate: of its surface's nodes); empty without a file.
     node_numbers: Vec<u64>,
     groups: Vec<Group>,
     envelope: Option<Arc<MeshSolid>>,

@@ -1,4 +1,4 @@
-//! Medit's keywords: codes in binary files and meanings.
+//! Medit's keywords: codes in binary files (those of libMeshb) and meanings.
 //!
 //! A keyword that is not here is an error in text and skipped in binary files. Two names of one kind are those of
 //! different programs.

@@ -405,7 +405,7 @@ impl<'a, R: BufRead> Parser<'a, R> {
         }
         let required = self.attribute(e, "requiredextensions")?.unwrap_or_default();
         for prefix in required.split_whitespace() {
-            // The reader resolves prefixes of element names only, so the prefix is given a local name.
+            // A prefix cannot be made alone (quick-xml), only as part of a name: it is given a local one.
             let name = format!("{prefix}:x");
             let (result, _) = self
                 .reader

@@ -1,5 +1,5 @@
 //! The graded quantity of a tiling as its recipe gives it: thickness, volume fraction or level, by element. Macro
-//! decks and attributes show it; the level shifts that realise it are made elsewhere.
+//! decks and `druse grade` use it; the level shifts that realise it are made elsewhere.
 
 use super::CellTiling;
 use crate::frame::WorldPoint;
@@ -66,8 +66,8 @@ impl CellTiling {
         Ok(Some(Graded::thickness(values)))
     }
 
-    /// The graded quantity in each element: the mean of its corners, or the value at its centre where
-    /// control points interpolate. `None` without a grading.
+    /// The graded quantity in each element: the mean of its corners, or the value at its centre where control points
+    /// interpolate (NaN for a curved element that does not hold its centre). `None` without a grading.
     pub fn graded_by_element(&self) -> Result<Option<Vec<f64>>, RunError> {
         let Some(graded) = &self.graded else {
             return Ok(None);
