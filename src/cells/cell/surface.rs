@@ -296,8 +296,7 @@ impl Surface {
             }
             Element::Tet if !self.products().is_empty() => {
                 return Err(no_form(
-                    "it has no point with the symmetry of a tet, and its average over the group's \
-                     images about the usual origin is zero; use it with a box of hexes",
+                    "it has no point with the symmetry of a tet; use it with a box of hexes",
                 ));
             }
             Element::Tet | Element::Hex => {}
