@@ -18,7 +18,6 @@ use serde_json::json;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// Flags of a design.
 #[derive(Args)]
 pub(super) struct DesignFlags {
     /// Design a cell with target properties: bulk, shear, young, conductivity or permeability (the largest at

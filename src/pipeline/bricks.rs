@@ -79,7 +79,6 @@ const MAX_PART_EDGE: i32 = 4096;
 /// Leaves per batch written to a file.
 const LEAVES_PER_BATCH: usize = 256;
 
-/// The source of the first pass.
 enum FirstPassSource<'a> {
     Field(Shape<'a>),
     /// The level set of a file, unchanged.

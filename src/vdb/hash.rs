@@ -58,7 +58,6 @@ impl ContentHash {
         self.hasher.finalize().to_hex().to_string()
     }
 
-    /// Adds bytes.
     fn add_bytes(&mut self, bytes: &[u8]) {
         self.buffer.extend_from_slice(bytes);
         self.flush_if_full();

@@ -109,7 +109,6 @@ impl Volume {
         })
     }
 
-    /// Surveys all values.
     fn survey_values(&mut self) -> Result<(), cxx::Exception> {
         self.survey = Survey::of(&self.grid, self.info.bbox)?;
         self.info.values = self.survey.range;

@@ -99,7 +99,6 @@ fn plane_rows<const D: usize>(
 /// A rounded in-plane projection of a frequency.
 pub(super) type ProjectionKey<const D: usize> = [i64; D];
 
-/// The key of a projection.
 pub(super) fn projection_key<const D: usize>(p: SVector<f64, D>) -> ProjectionKey<D> {
     std::array::from_fn(|a| (p[a] * STEPS_PER_UNIT_FREQUENCY).round() as i64)
 }

@@ -21,7 +21,6 @@ type Waves = BTreeMap<ProjectionKey<2>, (Vector2<f64>, [DVector<f64>; 2])>;
 
 /// The trace of a basis on one kind of face.
 struct Trace {
-    /// Index of the basis.
     basis_index: usize,
     corners: usize,
     waves: Waves,

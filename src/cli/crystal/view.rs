@@ -45,7 +45,6 @@ pub(super) fn serve(p: &Parameters, source: &Source, session: &Session) -> Resul
     Ok(Answer::new("", facts))
 }
 
-/// The answer to a request.
 fn answer(request: &Request, state: &mut ViewState) -> Reply {
     match (request.method, request.path.as_str()) {
         (Method::Get, "") => Reply::html(PAGE),

@@ -18,7 +18,6 @@ pub(super) struct Material {
     pub void: f64,
 }
 
-/// The results of a period.
 pub(super) struct PeriodResults<'a> {
     pub source: &'a CellPeriod,
     pub material: Material,

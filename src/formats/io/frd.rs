@@ -13,7 +13,6 @@ use druse_geometry::frame::Vec3;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Width of a number.
 const NUMBER_WIDTH: usize = 12;
 /// Columns of a block's key, of names, and of the number of a step and its time.
 const KEY: Range<usize> = 0..3;

@@ -271,7 +271,6 @@ fn face<'a>(
     }
 }
 
-/// An integer.
 fn integer(word: &[u8]) -> Option<i64> {
     std::str::from_utf8(word).ok()?.parse().ok()
 }

@@ -9,9 +9,7 @@ use std::sync::OnceLock;
 
 /// sqrt(3)/2, the height of the equilateral triangle of edge 1.
 const TRIANGLE_HEIGHT: f64 = 0.866_025_403_784_438_6;
-/// The golden ratio.
 const GOLDEN_RATIO: f64 = 1.618_033_988_749_895;
-/// Radius of the ball.
 const BALL_RADIUS: f64 = 0.5;
 
 /// A kind of reference element. Second-order scaffold elements use the cell of their linear counterpart.

@@ -32,7 +32,6 @@ pub(crate) struct Shells {
     pub(crate) count: usize,
 }
 
-/// Measures of one shell.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ShellMeasures {
     pub(crate) bounds: Aabb,

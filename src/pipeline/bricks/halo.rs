@@ -26,7 +26,6 @@ pub(crate) struct Pass {
     pub kind: PassKind,
 }
 
-/// The kind of a pass.
 pub(crate) enum PassKind {
     /// Applies its operations.
     Operations,

@@ -30,7 +30,6 @@ pub(in super::super) struct LawSettings {
     pub stiffness: bool,
 }
 
-/// The cell of a law.
 #[derive(Clone, Copy)]
 pub(in super::super) struct LawCell<'a> {
     pub name: &'a str,

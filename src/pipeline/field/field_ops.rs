@@ -331,7 +331,6 @@ pub(crate) fn trim_box(trim: &Trim, scale: Scale) -> Aabb {
     }
 }
 
-/// A box as a shape.
 fn box_shape<'a>(extent: Aabb, name: String) -> Shape<'a> {
     Shape {
         field: Box::new(BoxSolid(extent)),

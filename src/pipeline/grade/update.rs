@@ -42,7 +42,6 @@ pub(super) struct Update {
     pub exponent: Option<f64>,
 }
 
-/// The new grading.
 pub(super) struct NewGrading {
     /// The quantity at the nodes.
     pub nodes: Vec<f64>,

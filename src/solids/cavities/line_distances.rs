@@ -48,7 +48,6 @@ impl LeafRows {
     }
 }
 
-/// A row of a leaf.
 #[derive(Clone, Copy)]
 struct LeafRow<'a> {
     leaf: &'a Sample<'a>,

@@ -74,7 +74,6 @@ impl FinerBand<'_> {
         Ok(batches.into_iter().filter(|b| !b.is_empty()).collect())
     }
 
-    /// The leaf at an origin.
     fn leaf(&self, origin: Coord) -> Option<LeafRef<'_>> {
         let found = self.leaves.binary_search_by_key(&origin, |l| l.origin);
         found.ok().map(|n| self.leaves[n])

@@ -226,7 +226,6 @@ pub(super) fn leaf_at(bytes: &[u8]) -> Option<(StoredLeaf, usize)> {
     Some((leaf, length))
 }
 
-/// Reads a range of a file.
 pub(super) fn read_range(file: &mut File, start: u64, bytes: usize) -> io::Result<Vec<u8>> {
     let mut buffer = vec![0; bytes];
     file.seek(SeekFrom::Start(start))?;

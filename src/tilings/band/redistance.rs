@@ -343,7 +343,6 @@ fn points_of<'a>(
     }
 }
 
-/// The points of a leaf.
 #[derive(Clone)]
 pub(super) struct LeafPoints {
     pub origin: Coord,

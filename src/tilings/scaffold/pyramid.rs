@@ -52,7 +52,6 @@ pub(super) fn from_parameters(r: Vec3) -> CellPoint<3> {
 /// Signs of x and y at the corners of the base, halved.
 const CORNERS: [[f64; 2]; 4] = [[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]];
 
-/// Shape functions at a point.
 pub(super) fn shape_functions(xi: CellPoint<3>) -> [f64; 5] {
     let (a, b, h) = ratios(xi);
     let mut n = [1.0 - h; 5];

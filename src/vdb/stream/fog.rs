@@ -128,7 +128,6 @@ impl<'a> StoredFog<'a> {
         Ok(fog)
     }
 
-    /// Counts the fog of a block.
     fn count_block(&self, block: Coord) -> Result<FogCounts, LeafFileError> {
         let mut counts = FogCounts::default();
         let leaves = self.store.read(block, Region::EVERYWHERE)?;

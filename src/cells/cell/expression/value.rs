@@ -26,7 +26,6 @@ fn rounded_minimum(a: f64, b: f64, radius: f64) -> (f64, [f64; 2]) {
     (value, slopes)
 }
 
-/// A value and its gradient.
 type ValueAndGradient = (f64, Vec3);
 
 /// Both with the opposite sign.

@@ -169,7 +169,6 @@ impl<'s, 'w> Arguments<'s, 'w> {
             })
     }
 
-    /// An error at a word.
     fn at(&self, word: &Word, message: impl Into<String>) -> ScriptError {
         let message = message.into();
         ScriptError {

@@ -27,7 +27,6 @@ struct Position {
     column: usize,
 }
 
-/// An error at a place.
 fn fault(place: Position, message: impl Into<String>) -> ScriptError {
     ScriptError {
         line: place.line,

@@ -142,7 +142,6 @@ fn counts<const N: usize>(
         .ok_or_else(|| a.fault(format!("counts: expected {N} whole numbers")))
 }
 
-/// The step `grid`.
 fn grid(a: &mut Arguments) -> StepResult {
     let counts = counts(a, [2; 3])?;
     let edge = a.number("edge")?.unwrap_or(1.0);
@@ -151,7 +150,6 @@ fn grid(a: &mut Arguments) -> StepResult {
         .map_err(|e| a.fault(e.to_string()))
 }
 
-/// The step `torus`.
 fn torus(a: &mut Arguments) -> StepResult {
     let counts = counts(a, [16, 8])?;
     let major = a.number("major")?.unwrap_or(2.0);

@@ -178,7 +178,6 @@ impl Graph {
         joined.unwrap_or_else(|| self.constant(0.0))
     }
 
-    /// The sum of values.
     fn sum(&mut self, values: Vec<Output>) -> Output {
         self.fold(values, |graph, a, b| graph.pair("addition", a, b))
     }

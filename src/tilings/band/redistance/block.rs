@@ -22,7 +22,6 @@ pub(super) const MAX_TANGENTIAL: f32 = 1.0;
 /// less than 3 voxels, the least half width of a band, so that two of different sign are both active.
 pub(super) const MAX_SHORTFALL: f32 = 1.9;
 
-/// Lengths of an offset.
 #[derive(Clone, Copy)]
 pub(super) struct OffsetLengths {
     /// Offset outwards, voxels.

@@ -16,7 +16,6 @@ pub(super) struct Stencil {
     neighbours: [[Slab; 2]; 3],
 }
 
-/// The mask of a row.
 #[inline(always)]
 fn row_mask(mask: &[u64; 8], row: usize) -> u8 {
     (mask[row >> 3] >> (8 * (row & 7))) as u8
