@@ -95,81 +95,47 @@ fn add_extreme<const S: i8>(values: &[f32], limits: &mut ValueLimits, out: &mut 
     }
 }
 
-impl Field for Intersection<'_> {
-    type Point = WorldPoint;
-    fn value(&self, p: WorldPoint) -> f64 {
-        self.0
-            .iter()
-            .map(|f| f.value(p))
-            .fold(f64::NEG_INFINITY, f64::max)
-    }
-    fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
-        extreme::<1>(&self.0, p)
-    }
-    fn bound(&self, region: &Aabb) -> Interval {
-        let start = Interval::new(f64::NEG_INFINITY, f64::NEG_INFINITY);
-        self.0
-            .iter()
-            .map(|f| f.bound(region))
-            .fold(start, |a, b| Interval::new(a.lo.max(b.lo), a.hi.max(b.hi)))
-    }
-    fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
-        self.fill_counting(lattice, out);
-    }
-    fn fill_counting(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) -> u64 {
-        let all = ValueLimits::uniform(lattice.len(), [f32::NEG_INFINITY, f32::INFINITY]);
-        self.fill_within(lattice, &all, out)
-    }
-    fn fill_within(
-        &self,
-        lattice: &SampleLattice<WorldPoint>,
-        limits: &ValueLimits,
-        out: &mut [f32],
-    ) -> u64 {
-        fill_extreme::<1>(&self.0, lattice, limits, out)
-    }
-    fn is_selective(&self) -> bool {
-        self.0.iter().any(|f| f.is_selective())
-    }
+/// The field of the extreme of fields: its sign as in [`extreme`], its value without operands, and that of two numbers.
+macro_rules! extreme_field {
+    ($name:ident, $sign:literal, $none:expr, $of:path) => {
+        impl Field for $name<'_> {
+            type Point = WorldPoint;
+            fn value(&self, p: WorldPoint) -> f64 {
+                self.0.iter().map(|f| f.value(p)).fold($none, $of)
+            }
+            fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
+                extreme::<$sign>(&self.0, p)
+            }
+            fn bound(&self, region: &Aabb) -> Interval {
+                let start = Interval::new($none, $none);
+                self.0.iter().map(|f| f.bound(region)).fold(start, |a, b| {
+                    Interval::new($of(a.lo, b.lo), $of(a.hi, b.hi))
+                })
+            }
+            fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
+                self.fill_counting(lattice, out);
+            }
+            fn fill_counting(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) -> u64 {
+                let all = ValueLimits::uniform(lattice.len(), [f32::NEG_INFINITY, f32::INFINITY]);
+                self.fill_within(lattice, &all, out)
+            }
+            fn fill_within(
+                &self,
+                lattice: &SampleLattice<WorldPoint>,
+                limits: &ValueLimits,
+                out: &mut [f32],
+            ) -> u64 {
+                fill_extreme::<$sign>(&self.0, lattice, limits, out)
+            }
+            fn is_selective(&self) -> bool {
+                self.0.iter().any(|f| f.is_selective())
+            }
+        }
+    };
 }
 
-impl Field for Union<'_> {
-    type Point = WorldPoint;
-    fn value(&self, p: WorldPoint) -> f64 {
-        self.0
-            .iter()
-            .map(|f| f.value(p))
-            .fold(f64::INFINITY, f64::min)
-    }
-    fn value_and_gradient(&self, p: WorldPoint) -> (f64, Vec3) {
-        extreme::<-1>(&self.0, p)
-    }
-    fn bound(&self, region: &Aabb) -> Interval {
-        let start = Interval::new(f64::INFINITY, f64::INFINITY);
-        self.0
-            .iter()
-            .map(|f| f.bound(region))
-            .fold(start, |a, b| Interval::new(a.lo.min(b.lo), a.hi.min(b.hi)))
-    }
-    fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
-        self.fill_counting(lattice, out);
-    }
-    fn fill_counting(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) -> u64 {
-        let all = ValueLimits::uniform(lattice.len(), [f32::NEG_INFINITY, f32::INFINITY]);
-        self.fill_within(lattice, &all, out)
-    }
-    fn fill_within(
-        &self,
-        lattice: &SampleLattice<WorldPoint>,
-        limits: &ValueLimits,
-        out: &mut [f32],
-    ) -> u64 {
-        fill_extreme::<-1>(&self.0, lattice, limits, out)
-    }
-    fn is_selective(&self) -> bool {
-        self.0.iter().any(|f| f.is_selective())
-    }
-}
+extreme_field!(Intersection, 1, f64::NEG_INFINITY, f64::max);
+extreme_field!(Union, -1, f64::INFINITY, f64::min);
 
 impl Field for Complement<'_> {
     type Point = WorldPoint;
