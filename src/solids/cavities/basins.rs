@@ -267,12 +267,12 @@ impl BlockGrowth<'_> {
             basins[number[root] as usize].voxels += basin.voxels;
         }
         let label = |n: u32| number[roots[n as usize]];
+        // Aliases and edges are one forest, so that the ends of an edge do not become one.
         let edges = self.edges.iter().map(|e| Edge {
             ends: e.ends.map(label),
             ..*e
         });
-        // Aliases and edges are one forest, so that the ends of an edge do not become one: only a safeguard.
-        let edges = edges.filter(|e| e.ends[0] != e.ends[1]).collect();
+        let edges = edges.collect();
         let basin =
             |slot: usize, voxel: usize| label(self.labels.at(self.space.slots[slot], slot, voxel));
         let faces = std::array::from_fn(|f| face(self.space, f / 2, f % 2 == 1, basin));

@@ -20,7 +20,8 @@ const LEVEL_STEP: f32 = 0.25;
 pub(super) type Narrow = BTreeMap<Coord, Bits>;
 
 /// The voxel of a set that is farthest from the solid, and its distance, voxels; `None` for too shallow a set. `voxels`
-/// has its voxels by leaf. Blocks and leaves without stored distances are passed over.
+/// has its voxels by leaf. Wide blocks and leaves do not occur: a ball of the channel's radius, which is less than the
+/// measured reach, has room in none of its voxels.
 pub(super) fn deepest<S: LeafSource>(
     source: &S,
     measure: Measure,
