@@ -24,8 +24,8 @@ const CRATES: [&str; 7] = [
 const LINE_BUDGETS: [(&str, usize); 14] = [
     ("geometry", 13450),
     ("cells", 18250),
-    ("tilings", 33550),
-    ("effective", 8950),
+    ("tilings", 33500),
+    ("effective", 8800),
     ("crystal", 8250),
     ("formats", 20550),
     ("solids", 5750),
