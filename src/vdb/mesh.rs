@@ -160,15 +160,15 @@ impl LevelSet {
     /// order of origin, as welding needs them.
     ///
     /// # Errors
-    /// As [`LevelSet::patch`], or errors of `make`.
-    pub fn block_patches<T: Send, E: From<VdbError> + Send>(
+    /// As [`LevelSet::patch`].
+    pub fn block_patches<T: Send>(
         &self,
         region: Region,
         max_coordinate: f64,
         exact: Option<&WorldField>,
         session: Session<'_>,
-        make: impl Fn(Patch) -> Result<T, E> + Sync,
-    ) -> Result<Vec<T>, E> {
+        make: impl Fn(Patch) -> T + Sync,
+    ) -> Result<Vec<T>, VdbError> {
         let padded = self.with_neighbours()?;
         let leaves = padded.as_ref().unwrap_or(self).leaves()?;
         let all = leaf_values(&leaves);
@@ -193,7 +193,7 @@ impl LevelSet {
                     let leaves: Vec<LeafValues> = numbers.iter().map(|&n| all[n]).collect();
                     let patch =
                         mesher.patch(&leaves, Region::cube(*block, BLOCK), session.progress);
-                    make(patch.map_err(VdbError::from)?)
+                    Ok(make(patch?))
                 })
                 .collect()
         })

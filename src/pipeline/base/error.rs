@@ -286,14 +286,6 @@ pub enum RunError {
     Cancelled(#[from] Cancelled),
 }
 
-impl From<VdbError> for RunError {
-    // For the generic `render_parts` and `block_patches`, which convert errors by themselves; all other stages name
-    // themselves.
-    fn from(error: VdbError) -> Self {
-        Self::level_set("picture")(error)
-    }
-}
-
 impl RunError {
     /// Whether the error is a cancellation, in whichever stage.
     pub(crate) fn is_cancelled(&self) -> bool {

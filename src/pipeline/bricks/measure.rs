@@ -12,7 +12,7 @@ use crate::pipeline::base::error::RunError;
 use crate::pipeline::measure::solid_measures::refuse_torn;
 use crate::progress::CancelOnly;
 use crate::recipe::Output;
-use crate::vdb::{SolidParts, render_parts};
+use crate::vdb::{SolidParts, VdbError, render_parts};
 use std::path::Path;
 
 /// Layer around a brick that is rendered with it, voxels.
@@ -110,15 +110,25 @@ pub(super) fn picture(
     let boxes: Vec<Aabb> = numbers.iter().map(around).collect();
     let mut make = |n: usize| {
         let region = bricks.region(numbers[n]).grown(LAYER_WIDTH);
-        part(context, store, region, Coord([0; 3]))
+        part(context, store, region, Coord([0; 3])).map_err(PictureError)
     };
     let parts = SolidParts {
         boxes: &boxes,
         make: &mut make,
         visited: &|| brick_run.progress.advance(1),
     };
-    let image = render_parts(&picture_options, frame, context.session(), parts)?;
+    let image = render_parts(&picture_options, frame, context.session(), parts);
+    let image = image.map_err(|e| e.0)?;
     let png = image.png().map_err(RunError::level_set("picture"))?;
     write_bytes(path, &png)?;
     Ok(())
+}
+
+/// An error of the renderer, whose own are those of the stage `picture`.
+struct PictureError(RunError);
+
+impl From<VdbError> for PictureError {
+    fn from(error: VdbError) -> Self {
+        Self(RunError::level_set("picture")(error))
+    }
 }

@@ -375,8 +375,9 @@ impl<'a> Meshes<'a> {
             let exact = self.exact.as_ref().filter(|_| output.is_exact);
             let field = exact.map(|shape| &*shape.field);
             let patches = solid.block_patches(region, far, field, context.session(), |patch| {
-                Ok::<_, RunError>(decimated_patch(&patch, decimation, region.max[0]))
-            })?;
+                decimated_patch(&patch, decimation, region.max[0])
+            });
+            let patches = patches.map_err(RunError::level_set("mesh"))?;
             // Vertices on seams get the numbers that earlier patches gave them.
             let numbered = patches.iter().map(|patch| weld(welder, patch));
             let numbered = numbered.collect::<Result<Vec<_>, _>>()?;
