@@ -12,13 +12,15 @@ use crate::frame::Coord;
 
 impl LevelSet {
     /// Gives voxels in a contact plane of two solids the value that they would have without the contact, as the
-    /// band does for a sampled union.
+    /// band does for a sampled union. After a cancellation the level set is empty, since without this step it is no
+    /// whole union.
     pub(super) fn merge_contacts(
         &mut self,
         operation: &'static str,
         session: Session<'_>,
     ) -> Result<(), VdbError> {
-        let merged = session.threads.install(|| self.merged_leaves(session))?;
+        let merged = session.threads.install(|| self.merged_leaves(session));
+        let merged = merged.or_else(|e| self.clear().and(Err(e)))?;
         if merged.iter().all(LeafBatch::is_empty) {
             return Ok(());
         }

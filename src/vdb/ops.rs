@@ -270,11 +270,16 @@ impl LevelSet {
         match work(self.grid.pin_mut(), &session.host()) {
             Ok(()) => Ok(()),
             Err(error) => {
-                ffi::grid_clear(self.grid.pin_mut())
-                    .map_err(|e| VdbError::plain("clearing a level set", &e))?;
+                self.clear()?;
                 Err(VdbError::of(operation, session, &error))
             }
         }
+    }
+
+    /// Removes all voxels, so that nothing half-made stays.
+    pub(super) fn clear(&mut self) -> Result<(), VdbError> {
+        ffi::grid_clear(self.grid.pin_mut())
+            .map_err(|e| VdbError::plain("clearing a level set", &e))
     }
 }
 

@@ -147,14 +147,7 @@ impl LevelSet {
         let changed = session
             .threads
             .install(|| self.changed_leaves(how, session));
-        let changed = match changed {
-            Ok(changed) => changed,
-            Err(error) => {
-                let failed = |e: cxx::Exception| VdbError::of(operation, session, &e);
-                ffi::grid_clear(self.grid.pin_mut()).map_err(failed)?;
-                return Err(error);
-            }
-        };
+        let changed = changed.or_else(|e| self.clear().and(Err(e)))?;
         self.change(operation, session, |mut grid, host| {
             if is_wider {
                 // Only a wider band has another background; its inactive values follow it.

@@ -101,12 +101,11 @@ impl LevelSet {
             Ok(smoother)
         });
         drop(leaves);
-        let failed = |e: cxx::Exception| VdbError::of(operation, session, &e);
         let smoother = match smoothed {
             Ok(smoother) => smoother,
             Err(stopped) => {
                 // After a cancellation the level set is empty, as after other operations that stop.
-                ffi::grid_clear(self.grid.pin_mut()).map_err(failed)?;
+                self.clear()?;
                 return Err(VdbError::Cancelled(stopped));
             }
         };

@@ -44,6 +44,10 @@ fn every_long_call_listens() {
     assert!(on_copy(&|s| s.mean(1, 1, stopped)));
     assert!(on_copy(&|s| s.renormalise(3, stopped)));
     assert!(on_copy(&|s| s.keep_largest(stopped).map(drop)));
+    // Without the merging of contacts a union is half-made.
+    let mut union = s.duplicate().unwrap();
+    assert!(cancelled(union.union(sphere(12.0, 0.5), stopped)));
+    assert_eq!(union.active_voxels().unwrap(), 0);
     assert!(cancelled(s.to_mesh(stopped).map(drop)));
     assert!(cancelled(s.picture(100, 80, None, stopped).map(drop)));
     assert!(cancelled(s.check(stopped).map(drop)));
