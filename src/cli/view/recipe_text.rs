@@ -294,10 +294,11 @@ impl RecipeText {
         // From the end, so that places before a change stay.
         for leaf in self.leaves.iter().rev() {
             if let Some(literal) = edit.literals.get(&leaf.key) {
-                text.replace_range(leaf.span.clone(), literal);
+                let breaks = text[leaf.span.clone()].matches('\n').count();
+                text.replace_range(leaf.span.clone(), &over_lines(literal, breaks));
             }
         }
-        // Replacements keep the number of lines where a value stands on one; strings of several lines do not.
+        // Replacements keep the number of lines, so that lines of the file are lines of the text.
         let line_of = |at: usize| self.text[..at].matches('\n').count();
         let blocks: Vec<Range<usize>> = self
             .operations
@@ -379,6 +380,18 @@ fn literal(key: &str, kind: &Kind, value: &Value) -> Result<String, Refused> {
             None => number()?.to_string(),
         },
     })
+}
+
+/// A value as it is written, with so many line breaks: only strings have any. The first break of a string over several
+/// lines is no part of it, nor is one behind a backslash.
+fn over_lines(literal: &str, breaks: usize) -> String {
+    if breaks == 0 {
+        return literal.to_owned();
+    }
+    // A number in place of a formula becomes a string, as a table in braces has no other place for the breaks.
+    let inner = literal.strip_prefix('"').and_then(|l| l.strip_suffix('"'));
+    let skipped = "\\\n".repeat(breaks - 1);
+    format!("\"\"\"\n{skipped}{}\"\"\"", inner.unwrap_or(literal))
 }
 
 /// A basic string of TOML.

@@ -140,3 +140,25 @@ fn directions_of_cells_are_shown_and_changed() {
     );
     served.quit();
 }
+
+/// A formula over three lines, with an operation after it.
+const LONG: &str = "druse = 1\nunit = \"mm\"\n[cell.c]\nsurface = \"schwarz_p\"\n[scaffold]\n\
+    box = { size = [4, 4, 4], cell_size = 4 }\n[tiling]\ncell = \"c\"\n\
+    volume_fraction = \"\"\"\n\\\n0.3 + 0.1*bx\"\"\"\n[band]\nvoxel_size = 0.2\n\
+    [[op]]\nkeep_largest = true\n[[output]]\nvdb = \"a.vdb\"\n";
+
+#[test]
+fn a_formula_over_several_lines_keeps_them() {
+    let place = Place::with(LONG);
+    let served = Served::new(&place, &["view", "r.toml", "--no-thickness"]);
+    let values = json!({ "tiling.volume_fraction": "0.4 + 0.1*bx" });
+    let (status, body) = served.post("set", &json!({ "values": values, "off": [0] }).to_string());
+    assert_eq!(status, 200, "{}", String::from_utf8_lossy(&body));
+    let text = String::from_utf8(served.get("recipe").1).unwrap();
+    let expected = LONG
+        .replace("0.3 +", "0.4 +")
+        .replace("[[op]]\nkeep", "# [[op]]\n# keep");
+    assert_eq!(text, expected);
+    assert_eq!(served.at_rest()["error"], Value::Null);
+    served.quit();
+}
