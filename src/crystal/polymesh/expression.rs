@@ -3,8 +3,8 @@
 //! `or`, `and`, `not` (also `||`, `&&`, `!`, `|`, `&`), comparisons, `+ - * /`, `^`, brackets, functions, from the
 //! loosest to the tightest; `^` groups to the right and `not` covers a comparison. Angles are in degrees, as everywhere
 //! in scripts: `acos(1/3)` is 70.53. Both sides of `or` and `and` have to be conditions. Dividing by 0 is no error
-//! here: the result is infinite or not a number. Arguments, counts and parameters refuse it; conditions and
-//! overrides do not.
+//! here: the result is infinite or not a number. Arguments, counts, parameters and overrides refuse it; conditions do
+//! not.
 
 /// The value of an expression.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,9 +66,16 @@ impl Expression {
         self.0.value(names)
     }
 
-    /// Its value as a number.
-    pub fn number(&self, names: Names) -> Parsed<f64> {
-        self.0.number(names)
+    /// Its value as a number; an error at the start of the text where it is not finite.
+    pub fn finite(&self, names: Names) -> Parsed<f64> {
+        let value = self.0.number(names)?;
+        if value.is_finite() {
+            return Ok(value);
+        }
+        Err(ExpressionError {
+            at: 0,
+            message: format!("the value is {value}; expected a finite number"),
+        })
     }
 
     /// Its logical value; an error where it is a number. The position is then the start of the text.

@@ -208,13 +208,10 @@ impl<'a> Interpreter<'a> {
     /// Overrides a parameter before the run; the value may be an expression without names.
     ///
     /// # Errors
-    /// When the text is no such expression. Whether the value is finite is not checked.
+    /// When the text is no such expression, or its value is not finite.
     pub fn set(&mut self, name: &str, value: &str) -> Result<(), String> {
         let parsed = Expression::parse(value).map_err(|e| e.message)?;
-        let number = parsed.number(&|_, _| None).map_err(|e| e.message)?;
-        if !number.is_finite() {
-            return Err(format!("the value is {number}; expected a finite number"));
-        }
+        let number = parsed.finite(&|_, _| None).map_err(|e| e.message)?;
         self.overrides.insert(name.to_owned(), number);
         Ok(())
     }

@@ -243,6 +243,13 @@ fn parameters_loops_and_until() {
         "line 1: no parameter is named \"m\"; the script has n, h; did you mean \"n\"?"
     );
     assert!(interpreter.set("n", "1/").is_err());
+    for (value, found) in [("1/0", "inf"), ("0/0", "NaN"), ("-1e400", "-inf")] {
+        let error = interpreter.set("n", value).unwrap_err();
+        assert_eq!(
+            error,
+            format!("the value is {found}; expected a finite number")
+        );
+    }
 }
 
 #[test]

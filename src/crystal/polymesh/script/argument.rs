@@ -55,18 +55,7 @@ pub(super) fn number(
         Some(_) => None,
     };
     // The column of an error counts from the start of the expression.
-    let value = expression.number(&parameters);
-    let value = value.and_then(|v| {
-        if v.is_finite() {
-            Ok(v)
-        } else {
-            Err(ExpressionError {
-                at: 0,
-                message: format!("the value is {v}; expected a finite number"),
-            })
-        }
-    });
-    value.map_err(|e| ScriptError {
+    expression.finite(&parameters).map_err(|e| ScriptError {
         line,
         column: column + e.at,
         message: e.message,

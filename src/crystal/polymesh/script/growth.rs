@@ -80,7 +80,7 @@ impl Count<'_, '_> {
                     // After a parameter of the script got a new value its old one is not valid: only a
                     // count without parameters is known then. A count beyond 1e5 is an error of the run.
                     let times = if self.has_parameters {
-                        count.number(&|_, _| None).ok()
+                        count.finite(&|_, _| None).ok()
                     } else {
                         argument::number(count, self.interpreter, *line, *column).ok()
                     };
