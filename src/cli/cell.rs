@@ -9,7 +9,7 @@ use crate::cell::{Cell, default_group, groups, lattices, rank};
 use crate::field::Field;
 use crate::frame::{CellPoint, Element, Mat3, Vec3};
 use crate::io::atomic::{require_writable, write_bytes};
-use crate::symmetry::{Basis, GROUP_NAMES, Lattice, PointGroup, SymmetryError};
+use crate::symmetry::{Basis, GROUP_NAMES, GroupText, Lattice, PointGroup, SymmetryError};
 use clap::{Args, Subcommand};
 use serde_json::json;
 use std::fmt::Write;
@@ -124,35 +124,33 @@ fn group_info(name: &str, lattice: Option<&str>, radius: f64) -> Result<Answer, 
     Ok(list_group(group, space, radius))
 }
 
-/// The same for a group from a file of generators. Its lattice is that of the file, else `lattice`, else a default.
+/// The same for a group from a file of generators. They act on the coordinates of the file's lattice, or of `lattice`
+/// where it names none; with both, the group is listed on `lattice`, as in a fit.
 fn group_file(path: &Path, lattice: Option<&str>, radius: f64) -> Result<Answer, Failure> {
-    let fault = |e| crate::pipeline::group_fault(path, e);
-    let group = crate::pipeline::read_group(path)?;
-    let name = super::cell_text::stem(path);
-    if group.dimension == 2 {
-        let (group, own) = group
-            .group::<2>(&name, lattice.unwrap_or("square"))
-            .map_err(fault)?;
-        check_lattice(path, lattice, own.name())?;
-        return Ok(list_group(group, own, radius));
+    let text = crate::pipeline::read_group(path)?;
+    if text.dimension == 2 {
+        return list_file::<2>(path, &text, lattice, "square", radius);
     }
-    let (group, own) = group
-        .group::<3>(&name, lattice.unwrap_or("cubic"))
-        .map_err(fault)?;
-    check_lattice(path, lattice, own.name())?;
-    Ok(list_group(group, own, radius))
+    list_file::<3>(path, &text, lattice, "cubic", radius)
 }
 
-/// Refuses a lattice beside a file that names another.
-fn check_lattice(path: &Path, given: Option<&str>, own: Option<&str>) -> Result<(), Failure> {
-    match given {
-        Some(lattice) if own != Some(lattice) => Err(Failure::usage(format!(
-            "--lattice {lattice} beside {}, whose lattice is {}: leave one of them out",
-            path.display(),
-            own.unwrap_or("of its own")
-        ))),
-        _ => Ok(()),
-    }
+fn list_file<const D: usize>(
+    path: &Path,
+    text: &GroupText,
+    lattice: Option<&str>,
+    default: &str,
+    radius: f64,
+) -> Result<Answer, Failure> {
+    let name = super::cell_text::stem(path);
+    let group = text.group::<D>(&name, lattice.unwrap_or(default));
+    let (group, own) = group.map_err(|e| crate::pipeline::group_fault(path, e))?;
+    let Some(lattice) = lattice else {
+        return Ok(list_group(group, own, radius));
+    };
+    let failed = |e: SymmetryError| Failure::usage(e.to_string());
+    let lattice = Lattice::named(lattice).map_err(failed)?;
+    let group = group.on_lattice(&own, &lattice).map_err(failed)?;
+    Ok(list_group(group, lattice, radius))
 }
 
 /// The operators, elements and orbits of a point group in `D` dimensions, up to frequencies of `radius`, at most 16.

@@ -273,11 +273,6 @@ fn groups_are_listed_with_operators_orbits_and_domain() {
         let printed = text(&place.run(&["cell", "info", "--group", group]).stdout);
         assert!(printed.contains(domain) && printed.contains(&format!("{order} operators")));
     }
-    place.write("own.group", "lattice cubic\n-y,x,z\n");
-    let own = ["cell", "info", "--group", "own.group", "--lattice"];
-    assert!(place.run(&[&own[..], &["cubic"]].concat()).status.success());
-    let words = ["--lattice fcc2", "own.group", "lattice is cubic"];
-    refuse(&place, &[&own[..], &["fcc2"]].concat(), 2, &words);
 }
 
 #[test]

@@ -149,6 +149,11 @@ fn groups_are_described() {
     );
     assert_eq!(facts["operators"].as_array().unwrap().len(), 4);
     assert_eq!(facts["elements"], serde_json::json!(["tet", "hex"]));
+    // With a lattice of its own the file's operators are listed on the one of the flag, as in a fit.
+    place.write("cubic.group", "lattice cubic\ny,z,x\n");
+    let line = ["cell", "info", "--group", "cubic.group", "--lattice"];
+    let facts = json(&place.run(&[&line[..], &["fcc2", "--json"]].concat()));
+    assert_eq!(facts["lattice"], "fcc2");
     for group in [
         "D3", "D4", "D3h", "C4v", "D2h", "D4h", "T", "Th", "O", "C3v", "C1", "Oh",
     ] {
