@@ -102,7 +102,7 @@ cd "$(dirname "$0")"
 export PLAN=@PLAN DRUSE="${DRUSE:-druse}"@OUT_VARIABLE
 seq 0 @LAST | parallel --joblog @LOG --resume-failed --retries 3 --env PLAN --env DRUSE@EXPORT "$@" \
     '"$DRUSE" run "$PLAN" --brick {}@THREADS@OUT'
-"$DRUSE" merge "$PLAN"@OUT
+"$DRUSE" merge "$PLAN"@THREADS@OUT
 "#;
 
 /// A job template of Open Job Description: a task for each brick, then the merge. `name` is the plan's file, `stem` the

@@ -322,6 +322,8 @@ fn a_plan_sends_files_nowhere_by_itself() {
         "made",
         "--emit",
         "parallel",
+        "--threads",
+        "3",
     ];
     let planned = place.run(&line);
     succeeded(&planned);
@@ -332,7 +334,7 @@ fn a_plan_sends_files_nowhere_by_itself() {
         root.canonicalize().unwrap().join("made").display()
     );
     assert!(
-        script.contains(&out) && script.contains("merge \"$PLAN\" --out \"$OUT\""),
+        script.contains(&out) && script.contains("merge \"$PLAN\" --threads 3 --out \"$OUT\""),
         "{script}"
     );
     succeeded(&place.run(&["run", "farm/p.json", "--brick", "0-7"]));
