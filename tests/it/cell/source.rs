@@ -308,6 +308,14 @@ fn impossible_voxels_are_refused_with_place_and_need() {
     let coarse = fit_source("v", Element::Hex, &source, &options(5.0), &Silent).unwrap_err();
     assert!(coarse.to_string().contains("at least 11"), "{coarse}");
     fit_source("v", Element::Hex, &source, &options(3.5), &Silent).unwrap();
+    // A search for a tolerance ends where the samples do.
+    let closer = FitOptions {
+        tolerance: Some(1e-9),
+        ..options(6.0)
+    };
+    let fitted = fit_source("v", Element::Hex, &source, &closer, &Silent).unwrap();
+    let report = fitted.report().unwrap();
+    assert_eq!(report.band_limit, source.max_band_limit(), "{report:?}");
 }
 
 #[test]

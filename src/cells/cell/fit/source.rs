@@ -25,11 +25,13 @@ pub fn fit_source(
     options: &FitOptions,
     progress: &dyn Progress,
 ) -> Result<Cell, FitError> {
-    // Without a tolerance the band limit is that of the options. A search for a tolerance starts with a low one; the
-    // resolution is not checked then.
-    if options.tolerance.is_none() {
-        source.check_resolution(options.band_limit)?;
+    // Without a tolerance the band limit is that of the options. A search for a tolerance starts with a low one and
+    // ends where the samples of the source do.
+    let mut options = options.clone();
+    if options.tolerance.is_some() {
+        options.band_limit = options.band_limit.min(source.max_band_limit());
     }
+    source.check_resolution(options.band_limit)?;
     let info = SourceInfo {
         // Points of the surface, at which the error of the fit is measured.
         points: source.surface_points().to_vec(),
@@ -45,7 +47,7 @@ pub fn fit_source(
         element,
         &|p| source.value(p),
         &info,
-        options,
+        &options,
         progress,
     )
 }
