@@ -209,7 +209,8 @@ impl ElementDeck<'_> {
         }
         self.elements(out)?;
         // Names of sets that exist already: those of groups and materials must differ.
-        let mut taken: BTreeSet<String> = ["ALL_NODES".to_owned()].into();
+        // The node set of a group `ALL` would be `ALL_NODES`.
+        let mut taken = BTreeSet::from(["ALL", "ALL_NODES", "ALL_ELEMENTS"].map(String::from));
         for (name, ..) in SIDES {
             taken.extend(["", "_ELEMENTS", "_FACE"].map(|end| format!("{name}{end}")));
         }

@@ -146,6 +146,40 @@ fn quadratic_and_mirrored_elements_keep_their_volume() {
     assert!((volume - 1.0).abs() < 1e-9, "{line}: {volume}");
 }
 
+/// Groups with the names of the deck's own sets get others.
+#[test]
+fn no_set_of_a_deck_is_written_twice() {
+    let place = tempfile::tempdir().unwrap();
+    let nodes = "1,0,0,0\n2,1,0,0\n3,1,1,0\n4,0,1,0\n5,0,0,1\n6,1,0,1\n7,1,1,1\n8,0,1,1\n";
+    let elements =
+        "*ELEMENT, TYPE=C3D8, ELSET=ALL\n1,1,2,3,4,5,6,7,8\n*ELSET, ELSET=ALL_ELEMENTS\n1\n";
+    let file = place.path().join("a.inp");
+    std::fs::write(&file, format!("*NODE\n{nodes}{elements}")).unwrap();
+    let text = format!(
+        "druse = 1\n[band]\nvoxel_size = 0.1\n[cell.p]\nsurface = \"schwarz_p\"\n[scaffold]\nfile = {file:?}\n\
+         [tiling]\ncell = \"p\"\n[[output]]\nfe = \"d.inp\"\nresolution = 8\n"
+    );
+    made(&text, place.path()).unwrap();
+    let deck = std::fs::read_to_string(place.path().join("d.inp")).unwrap();
+    let words = deck
+        .lines()
+        .filter(|l| l.starts_with('*'))
+        .flat_map(|l| l.split(", "));
+    let mut sets: Vec<&str> = words
+        .filter(|w| w.starts_with("ELSET=") || w.starts_with("NSET="))
+        .collect();
+    // The section names its set again.
+    assert_eq!(sets.pop(), Some("ELSET=P_HEX_1"));
+    let count = sets.len();
+    sets.sort_unstable();
+    sets.dedup();
+    assert_eq!(sets.len(), count, "{sets:?}");
+    assert!(
+        sets.contains(&"ELSET=ALL_2") && sets.contains(&"ELSET=ALL_ELEMENTS_2"),
+        "{sets:?}"
+    );
+}
+
 #[test]
 fn what_has_no_homogenised_cell_is_refused() {
     let fe = "[[output]]\nfe = \"a.inp\"\n";
