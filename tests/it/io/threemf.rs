@@ -125,6 +125,22 @@ fn parts_of_the_production_extension_are_found_by_path() {
         "{:?}",
         solid.file.warnings
     );
+    // The note has the unit of the part that refers to it, here not that of the root.
+    let held = "<components><component objectid=\"7\" prod:path=\"/3D/C.model\"/></components>";
+    let middle = document(&spaces, &format!("<object id=\"7\">{held}</object>"), "");
+    let middle = middle.replace("millimeter", "meter");
+    let archive = [
+        ("3D/3dmodel.model", root.as_bytes()),
+        ("3D/Objects/Part B.model", middle.as_bytes()),
+        ("3D/C.model", inches.as_bytes()),
+    ];
+    let notes = parts(&archive).unwrap().file.warnings;
+    assert!(
+        notes
+            .iter()
+            .any(|n| n.contains("C.model is in centimeter and was scaled to meter")),
+        "{notes:?}"
+    );
     // A path without its namespace is none, and a part that is missing is named.
     let missing = root.replace("Part%20B", "C");
     let error = two(&other, &missing).unwrap_err();

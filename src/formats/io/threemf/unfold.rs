@@ -196,7 +196,7 @@ impl Build {
                 "the part {} is in {} and was scaled to {}",
                 display_name(&part),
                 other.unit.name_3mf(),
-                self.unit.name_3mf()
+                model.unit.name_3mf()
             );
             self.notes.insert(note);
         }
