@@ -376,6 +376,32 @@ fn an_estimate_is_within_a_fifth() {
     }
 }
 
+/// A mask costs one more pass, however often a filter is repeated.
+#[test]
+fn an_estimate_counts_a_mask_once() {
+    let place = tempfile::tempdir().unwrap();
+    let mask = place.path().join("mask.vdb");
+    let ball = "druse = 1\n[band]\nvoxel_size = 0.2\n[[op]]\nunion = { sphere = { radius = 5 } }\n";
+    report(&format!("{ball}[[output]]\nvdb = {mask:?}\nfog = true\n"));
+    let seconds = |ops: &str| {
+        let recipe = recipe(&format!("{ball}{ops}"));
+        plan(&recipe, &RunOptions::default(), &Silent)
+            .unwrap()
+            .seconds
+    };
+    let filter = |more: &str| {
+        seconds(&format!(
+            "[[op]]\ngaussian = {{ width = 1, iterations = 10{more} }}\n"
+        ))
+    };
+    let masked = filter(&format!(
+        ", mask = {{ path = {mask:?}, grid = \"density\" }}"
+    ));
+    let (bare, free) = (seconds(""), filter(""));
+    let ratio = (masked - bare) / (free - bare);
+    assert!((1.05..2.0).contains(&ratio), "{bare} {free} {masked}");
+}
+
 /// Greatest memory that `--dry-run` foretells, bytes. What the process has already counts with it, so
 /// that it has a process of its own, in which no other law runs.
 pub(super) fn estimated_peak(text: &str, arguments: &[&str]) -> f64 {
