@@ -39,9 +39,11 @@ pub fn sweep_picture(title: &str, abscissa: &str, curves: &[SweepCurve]) -> Imag
     let points = || curves.iter().flat_map(|c| &c.points);
     let (mut low, mut high) =
         points().fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(p[0]), h.max(p[0])));
-    // A single abscissa: an axis of length 1 around it.
-    if low >= high {
-        (low, high) = (low.min(high) - 0.5, low.max(high) + 0.5);
+    // Without points the axis is that of fractions; a single abscissa has an axis of length 1 around it.
+    if low > high {
+        (low, high) = (0.0, 1.0);
+    } else if low == high {
+        (low, high) = (low - 0.5, high + 0.5);
     }
     let max_ordinate = points()
         .map(|p| p[1])

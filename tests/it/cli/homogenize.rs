@@ -105,6 +105,27 @@ fn a_sweep_is_a_table_with_a_picture() {
     assert!(table.lines().nth(2).unwrap().starts_with("0.4,"), "{table}");
 }
 
+/// Every voxel of a nearly solid cell holds solid, so that nothing flows and no curve has a point.
+#[test]
+fn a_picture_without_points_has_an_axis() {
+    let place = Place::new();
+    let sweep = ["--sweep", "volume_fraction=0.9995:0.9999:0.0004"];
+    let wanted = ["--only", "permeability", "--plot", "t.png"];
+    let cell = ["schwarz_p", "--resolution", "16"];
+    run(&place, &[&cell[..], &sweep[..], &wanted[..]].concat());
+    let file = fs::File::open(place.0.path().join("t.png")).unwrap();
+    let mut reader = png::Decoder::new(std::io::BufReader::new(file))
+        .read_info()
+        .unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let frame = reader.next_frame(&mut pixels).unwrap();
+    // A row between two lines across: the frame, and four lines of the grid within it.
+    let row = &pixels[300 * frame.line_size..301 * frame.line_size];
+    let bytes = frame.line_size / frame.width as usize;
+    let marked = row.chunks_exact(bytes).filter(|p| *p != &row[..bytes]);
+    assert_eq!(marked.count(), 6);
+}
+
 #[test]
 fn struts_are_round_beams_in_cubes_and_tets_and_a_recipe_names_its_cells() {
     let place = Place::new();
