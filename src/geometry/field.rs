@@ -276,7 +276,7 @@ thread_local! {
     static SIGN_BUFFERS: Cell<(Vec<f32>, ValueLimits)> = Cell::default();
 }
 
-/// [`Field::signs`] from the values of a field.
+/// [`Field::signs`] from the values of a field, which may leave out those that decide no needed sign.
 #[doc(hidden)]
 pub fn signs_of_values<F: Field + ?Sized>(
     field: &F,
@@ -293,7 +293,7 @@ pub fn signs_of_values<F: Field + ?Sized>(
     evaluated
 }
 
-/// Packs the signs of values into bits, in rows of `along` values each.
+/// Packs the signs of values into bits, in rows of `along` values each: at most 64, the bits of a word.
 #[doc(hidden)]
 #[inline]
 pub fn pack_signs(values: &[f32], along: usize, rows: &mut [u64]) {

@@ -1,4 +1,4 @@
-//! Triangle meshes: measures, checks, winding number, signed distance.
+//! Triangle meshes: measures, checks, repair, collapse, projection, skins, point clouds, signed distance.
 //!
 //! A [`TriMesh`] holds vertices in `f64` and triangles as vertex indices, counter-clockwise seen from
 //! outside; its owner defines unit and frame. It may be open, self-intersecting or non-manifold:
@@ -79,7 +79,7 @@ pub use soup::TriangleDistances;
 #[doc(hidden)]
 pub use triangle::closest_point;
 
-/// Vertices of a parallel task.
+/// Vertices of a parallel task: enough to outweigh its start.
 const CHUNK_VERTICES: usize = 1 << 14;
 
 /// Why vertices and triangles form no mesh.
@@ -401,7 +401,8 @@ fn validate(vertices: &[Vec3], triangles: impl Iterator<Item = [u32; 3]>) -> Res
     Ok(())
 }
 
-/// Hashes the bits of coordinates: fast for short keys, without protection against adversarial input.
+/// Hashes the bits of coordinates by multiplication with 2^64 over the golden ratio: fast for short keys, without
+/// protection against adversarial input.
 #[derive(Clone, Copy, Default)]
 struct BitHasher(u64);
 

@@ -28,7 +28,7 @@ fn extreme<const S: i8>(fields: &[Box<WorldField>], p: WorldPoint) -> (f64, Vec3
 ///
 /// A maximum that has reached the upper limit is decided, and a field matters only where it exceeds the maximum so far:
 /// each field raises the lower limits of those that follow. (A minimum is the mirror image.) Selective fields follow last,
-/// so that they leave out the samples that the others decide.
+/// so that they leave out the samples that the others decide; they are not bounded, as they compare limits themselves.
 fn fill_extreme<const S: i8>(
     fields: &[Box<WorldField>],
     lattice: &SampleLattice<WorldPoint>,
@@ -57,6 +57,7 @@ fn fill_extreme<const S: i8>(
             return most;
         };
         let (low, high) = (f64::from(low), f64::from(high));
+        // Nor one that exceeds the least limit nowhere.
         let loses = if S > 0 {
             b.hi < floor || b.hi <= low
         } else {
@@ -95,7 +96,8 @@ fn add_extreme<const S: i8>(values: &[f32], limits: &mut ValueLimits, out: &mut 
     }
 }
 
-/// The field of the extreme of fields: its sign as in [`extreme`], its value without operands, and that of two numbers.
+/// The field of the extreme of fields. `$sign` is that of [`extreme`], `$none` the value without operands, `$of` the
+/// extreme of two numbers.
 macro_rules! extreme_field {
     ($name:ident, $sign:literal, $none:expr, $of:path) => {
         impl Field for $name<'_> {

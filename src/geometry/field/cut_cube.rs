@@ -4,7 +4,8 @@
 //! that both can serve an optimisation. All slopes are raised a little (`MIN_SLOPE`), which moves the share of an
 //! axis-parallel plane by about that part.
 
-/// Slopes along axes are raised by this share of their sum: the formula divides by them.
+/// Slopes along axes are raised by this share of their sum: the formula divides by them. With two slopes of 0 its
+/// terms reach 1e4, so that their sum loses five digits of sixteen.
 const MIN_SLOPE: f64 = 2e-3;
 
 /// The share (0 to 1) of a unit cube about the origin where `slope . x < height`, its derivative by `height` and its
@@ -16,13 +17,12 @@ pub fn cube_share(height: f64, slope: [f64; 3]) -> (f64, f64, [f64; 3]) {
     if total == 0.0 {
         return flat(if height > 0.0 { 1.0 } else { 0.0 });
     }
-    // A slope of 0 along an axis would divide by 0: all slopes are at least a small share of their sum.
     let n = slope.map(|s| s.abs() + MIN_SLOPE * total);
     let half = n.iter().sum::<f64>() / 2.0;
     if height.abs() >= half {
         return flat(if height > 0.0 { 1.0 } else { 0.0 });
     }
-    // The smaller side, where nothing cancels.
+    // The smaller side has fewer and smaller terms, whose alternating sum cancels less.
     let side = if height > 0.0 { -1.0 } else { 1.0 };
     let from_corner = side * height + half;
     let volume = 6.0 * n[0] * n[1] * n[2];
@@ -52,7 +52,7 @@ pub fn cube_share(height: f64, slope: [f64; 3]) -> (f64, f64, [f64; 3]) {
     for a in 0..3 {
         by_n[a] -= share / n[a];
     }
-    // Each n contains a share of all slopes.
+    // Each n contains a share of all slopes. `by_height` needs no `side`: it comes once with the height, once here.
     let common: f64 = MIN_SLOPE * by_n.iter().sum::<f64>();
     let by_slope = std::array::from_fn(|a| {
         side * (by_n[a] + common) * if slope[a] < 0.0 { -1.0 } else { 1.0 }

@@ -10,9 +10,10 @@ mod parse;
 
 /// Maximal length of the text in bytes.
 const MAX_LENGTH: usize = 4096;
-/// Maximal nesting depth; parentheses count twice, signs once.
+/// Maximal nesting depth, since the parser recurses: the text and each pair of parentheses count twice, a sign or an
+/// exponent once.
 const MAX_DEPTH: usize = 128;
-/// Maximal number of intermediate values.
+/// Maximal number of intermediate values: an evaluation keeps them in an array of this size.
 const STACK_SIZE: usize = 96;
 
 /// Why a text is not a formula.
@@ -51,8 +52,8 @@ enum Step {
 /// | `sin cos tan asin acos atan sinh cosh tanh exp ln sqrt cbrt abs sign floor ceil round` | one, angles
 /// in radians |
 /// | `pow atan2 mod` | two: `atan2(y, x)`; `mod` has the sign of its second argument |
-/// | `step smoothstep mix clamp` | `step(edge, x)`, `smoothstep(from, to, x)`, `mix(a, b, t)`, `clamp(x,
-/// least, greatest)` |
+/// | `step smoothstep mix clamp` | `step(edge, x)`: 1 from `edge` on; `smoothstep(from, to, x)`; `mix(a, b, t)`:
+/// a + (b - a) t; `clamp(x, least, greatest)` |
 /// | `ramp` | `ramp(from, to, x)`: 0 below `from`, 1 above `to`, linear in between |
 /// | `noise` | `noise(x, y, z)`: smooth, between -1 and 1, features of size one, deterministic |
 /// | `min max hypot` | two or more |

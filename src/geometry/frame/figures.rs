@@ -2,7 +2,8 @@
 //!
 //! For messages and reports only: the text does not give back the number.
 
-/// A number with four significant digits, but with its whole integer part: "1000", "12.50", "1.000e-6".
+/// A number with four significant digits, but with its whole integer part; with a power of ten below 1e-4 and from 1e16
+/// on.
 ///
 /// ```
 /// # extern crate druse_geometry as druse;
@@ -19,12 +20,11 @@ pub fn figures(value: f64) -> String {
             value.to_string()
         };
     }
-    // The power of ten after rounding to four digits.
+    // After rounding to four digits: 999.96 becomes 1000.
     let rounded = format!("{value:.3e}");
     let power = rounded
         .split_once('e')
         .and_then(|r| r.1.parse::<i32>().ok());
-    // The exponent of a formatted number can always be read.
     match power.unwrap_or(0) {
         power @ -4..3 => {
             let decimals = usize::try_from(3 - power).unwrap_or(0);
@@ -35,7 +35,8 @@ pub fn figures(value: f64) -> String {
     }
 }
 
-/// A point with six significant digits of its largest coordinate; all have the same number of decimals.
+/// A point with six significant digits of its largest coordinate; all have the same number of decimals, or powers of
+/// ten where that coordinate is below 1e-4 or from 1e16 on.
 ///
 /// ```
 /// # extern crate druse_geometry as druse;

@@ -102,7 +102,6 @@ impl Element {
                 v(-0.5, 0.5, z),
             ]
         };
-        // Planar elements and layers of a wedge are unit triangles and squares with their centroid at the origin.
         match self {
             Self::Tri => triangle(0.0).to_vec(),
             Self::Quad => square(0.0).to_vec(),
@@ -122,7 +121,6 @@ impl Element {
                 all.push(v(0.0, 0.0, 0.5f64.sqrt()));
                 all
             }
-            // The vertices of an icosahedron.
             Self::Ball => cyclic_permutations([0.0, 1.0, GOLDEN_RATIO])
                 .map(|p| p.normalize() * BALL_RADIUS)
                 .collect(),
@@ -181,7 +179,7 @@ impl Element {
         }
     }
 
-    /// Indices of the vertices of a face, ascending.
+    /// Indices of the vertices of a face, ascending: those within 1e-9 reference lengths of its plane.
     #[inline]
     pub fn face_vertices(self, face: &Face) -> Vec<usize> {
         let on = |v: &Vec3| (face.normal.dot(v) - face.offset).abs() < 1e-9;
@@ -217,7 +215,7 @@ impl Element {
         }
     }
 
-    /// Length of an edge.
+    /// Length of an edge; the circumradius of an icosahedron is sqrt(1 + phi^2) / 2 edges.
     #[inline]
     pub fn edge(self) -> f64 {
         match self {
@@ -236,7 +234,8 @@ impl Element {
         })
     }
 
-    /// Number of orthogonal maps of the element onto itself; those of a planar element leave z unchanged.
+    /// Number of orthogonal maps of the element onto itself; those of a planar element leave z unchanged, and those of a
+    /// ball map its icosahedron onto itself.
     #[inline]
     pub const fn symmetry_order(self) -> usize {
         match self {
@@ -249,8 +248,8 @@ impl Element {
         }
     }
 
-    /// Whether an orthogonal map about the origin maps the element onto itself. Vertices agree within 1e-6 reference
-    /// lengths.
+    /// Whether an orthogonal map about the origin maps the element's vertices (a ball's: its icosahedron's) onto
+    /// themselves, within 1e-6 reference lengths.
     #[inline]
     pub fn is_invariant_under(self, map: &Mat3) -> bool {
         let vertices = self.vertices();
@@ -260,7 +259,7 @@ impl Element {
         })
     }
 
-    /// Bounding box: the unit cube for tet, hex and ball.
+    /// Bounding box: the unit cube for tet, hex and ball; flat, at z = 0, for planar elements.
     #[inline]
     pub fn cell_box(self) -> CellBox<3> {
         // The box is cached, since hot loops use it.

@@ -24,7 +24,7 @@ pub enum LengthUnit {
     Foot,
 }
 
-/// Symbol, metres and 3MF name of each unit.
+/// Symbol, metres and 3MF name of each unit, in the order of [`LengthUnit`].
 const UNITS: [(LengthUnit, &str, f64, &str); 6] = [
     (LengthUnit::Micrometre, "um", 1e-6, "micron"),
     (LengthUnit::Millimetre, "mm", 1e-3, "millimeter"),
@@ -67,7 +67,7 @@ impl LengthUnit {
     /// assert_eq!(60.0 * LengthUnit::Millimetre.to(LengthUnit::Metre), 0.06);
     /// ```
     pub fn to(self, other: Self) -> f64 {
-        // In this order, ratios of powers of ten are exact: 1e-3 / 1.0, 1.0 / 1e-3.
+        // In this order, ratios of powers of ten are exact, except from um to cm and from mm to um.
         self.metres() / other.metres()
     }
 }
@@ -78,6 +78,7 @@ impl fmt::Display for LengthUnit {
     }
 }
 
+/// Reads a symbol or a 3MF name, in lower case and without blanks.
 impl FromStr for LengthUnit {
     type Err = UnknownUnit;
     fn from_str(s: &str) -> Result<Self, UnknownUnit> {

@@ -12,11 +12,12 @@ mod build;
 
 /// The count of an unused lane.
 const UNUSED_LANE: u32 = u32::MAX;
-/// Greatest size of a search stack: 48 levels of splits by cost, 32 at the median, three siblings on each.
+/// Size of a search stack. Three siblings wait on each level: on at most 24 levels of splits by cost, which count two
+/// halvings each, and 32 at the median, which halve 2^32 primitives to one.
 const MAX_STACK: usize = 256;
 /// Outward margin of a box in the local frame: covers the casts of box and query to `f32`.
 const BOX_MARGIN: f32 = 1.0 / (1 << 21) as f32;
-/// Relative slack of squared distances computed in `f32`.
+/// Relative slack of squared distances computed in `f32`: 32 roundings of 2^-24, where about ten occur.
 const DISTANCE_SLACK: f32 = 1.0 / (1 << 19) as f32;
 
 /// A node: the boxes of four children by lane, and the contents of each lane.
@@ -250,7 +251,6 @@ impl Bvh {
             return;
         }
         let q = to_f32(self.local.point(p));
-        // A depth-first search from the root, node 0.
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
         let mut stack = [0u32; MAX_STACK];
         let mut top = 1;

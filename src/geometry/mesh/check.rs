@@ -1,4 +1,5 @@
-//! Four properties of a mesh: closed, oriented, manifold, not self-intersecting.
+//! Four properties of a mesh (closed, oriented, manifold, not self-intersecting), in a report with measures, triangles
+//! without area and the state of the shells.
 //!
 //! Vertices of equal coordinates count as one, so that the result depends on geometry only.
 //! - closed: every edge belongs to at least two triangles;
@@ -25,7 +26,7 @@ const MAX_PLACES: usize = 5;
 pub struct Defect {
     /// A point of the defect.
     pub at: Vec3,
-    /// The triangles involved, by number from 0.
+    /// Triangles involved, by number from 0: at most eight of an edge, two of different fans of a vertex.
     pub triangles: Vec<u32>,
 }
 
@@ -34,7 +35,7 @@ pub struct Defect {
 pub struct Finding {
     /// The number of occurrences.
     pub count: usize,
-    /// The first few, in a fixed order.
+    /// The first five, in a fixed order.
     pub places: Vec<Defect>,
 }
 
@@ -247,7 +248,7 @@ pub fn check_with(
             });
         }
     }
-    // The surface is searched by box; the middle of the first triangle of a pair is its place.
+    // The middle of the first triangle of a pair is its place.
     if intersections {
         progress.stage("self-intersections", Some(mesh.triangles().len() as u64));
         let numbered: Vec<_> = merged.iter_corners().zip(0u32..).collect();

@@ -12,7 +12,7 @@ use super::soup::Soup;
 use super::winding::{ACCURATE_BETA, Winding};
 use crate::frame::{Aabb, Vec3, is_in_range};
 
-/// Number of neighbours for the estimate of a point's share of the surface.
+/// Number of neighbours for the estimate of a point's share of the surface: the ring around a point of a square grid.
 const NEIGHBOUR_COUNT: usize = 8;
 /// Ratio of a tile's side to that of its share: neighbours on a square grid overlap at any rotation.
 const TILE_OVERLAP: f64 = 1.5;
@@ -25,7 +25,7 @@ pub enum CloudError {
     /// Too few points for the estimate of areas.
     #[error("{0} points; expected at least 9")]
     TooFew(usize),
-    /// More points than tiles can be indexed.
+    /// More points than tiles, of two triangles each, can be indexed.
     #[error("{0} points; expected at most 2^31 - 1")]
     TooMany(usize),
     /// Different numbers of points and normals.
@@ -70,7 +70,8 @@ pub struct CloudSolid {
 impl CloudSolid {
     /// A solid from points and their normals (outward, of any length).
     ///
-    /// Normals that all point inward are reversed; see [`CloudSolid::is_turned`].
+    /// All normals are reversed where the winding number falls below -1/2 but exceeds 1/2 nowhere; see
+    /// [`CloudSolid::is_turned`].
     ///
     /// # Errors
     /// [`CloudError`].
@@ -100,13 +101,12 @@ impl CloudSolid {
             let index = normals.iter().position(is_invalid).unwrap_or(0);
             return Err(CloudError::NoNormal(index));
         };
-        // Each point's share of the area gives the size of its tile.
         let shares = shares(&points);
         let area: f64 = shares.iter().sum();
         if !(area.is_finite() && area > 0.0) {
             return Err(CloudError::NoArea(area));
         }
-        // Outward normals give 1 inside; inward ones give -1, and then all are reversed.
+        // Outward normals give 1 inside, inward ones -1.
         let mut solid = Self::tiled(points, &unit_normals, &shares, 1.0);
         let (least, greatest) = solid.winding_range();
         if greatest > 0.5 {

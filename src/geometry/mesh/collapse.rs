@@ -4,7 +4,8 @@
 //! error (Garland and Heckbert, *Surface Simplification Using Quadric Error Metrics*, 1997). It satisfies the link
 //! condition (Dey, Edelsbrunner, Guha and Nekhayev, *Topology Preserving Edge Contraction*, 1999): the two vertices
 //! have no common neighbours but the two opposite their edge. So each edge keeps its two triangles, and neither the
-//! number of components nor the genus changes. No triangle turns over, loses its area or folds back onto a neighbour.
+//! number of components nor the genus changes. No triangle turns over or loses its area, and none folds back onto a
+//! neighbour unless one did there before.
 //!
 //! A pass determines the cheapest collapse of each vertex in parallel, then makes them in the order of their costs,
 //! except those whose neighbourhood the pass has changed. The result does not depend on the number of threads.
@@ -15,13 +16,14 @@ use rayon::prelude::*;
 
 /// Least cosine between the normals of a triangle before and after a collapse: a turn of 76 degrees.
 const MIN_TURN_COSINE: f64 = 0.25;
-/// Least cosine between the normals of neighbours that a collapse makes, unless neighbours there are folded more.
+/// Least cosine between the normals of neighbours that a collapse makes (143 degrees), unless neighbours there are
+/// folded more.
 const MIN_FOLD_COSINE: f64 = -0.8;
-/// Least ratio of a triangle's height to its longest edge.
+/// Least ratio of a triangle's height to its longest edge: the normal of a thinner one is unreliable.
 const MIN_HEIGHT_RATIO: f64 = 1e-3;
 /// Share of the squared length of an edge in its cost: in flat regions short edges collapse first.
 const LENGTH_SHARE: f64 = 1e-6;
-/// Greatest number of triangles about a vertex after a collapse.
+/// Greatest number of triangles about a vertex after a collapse, since the cost of a test grows with its square.
 const MAX_VALENCE: usize = 64;
 /// A pass that removes less than this share of the triangles is the last one.
 const MIN_PASS_SHARE: f64 = 1e-3;
@@ -66,7 +68,7 @@ struct Quadric {
     half_gradient: Vec3,
     /// The value at the vertex.
     value: f64,
-    /// Sum of the weights.
+    /// Sum of the weights, twice the areas.
     weight: f64,
 }
 
@@ -251,8 +253,8 @@ impl<'a> Surface<'a> {
     }
 
     /// The cheapest permitted collapse of a vertex onto a neighbour; `None` for a fixed vertex or if none is permitted.
-    /// An error is the mean squared distance from the planes, times their area; `max_squared_error` bounds it per unit
-    /// of area.
+    /// An error is the mean squared distance from the planes, times their weight; `max_squared_error` bounds it per unit
+    /// of weight.
     fn cheapest(&self, from: u32, max_squared_error: f64) -> Option<Collapse> {
         if self.is_fixed[from as usize] {
             return None;
@@ -275,8 +277,8 @@ impl<'a> Surface<'a> {
         all.into_iter().find(|c| self.permits(*c, &around))
     }
 
-    /// Whether a collapse keeps the topology and makes no bad triangle; `around` are the edges around its start.
-    /// There is one such edge per triangle about the start, opposite it. The surface does not change.
+    /// Whether a collapse keeps the topology and makes no bad triangle; `around` are the edges opposite its start, one
+    /// per triangle.
     fn permits(&self, collapse: Collapse, around: &[[u32; 2]]) -> bool {
         let Collapse { from, to, .. } = collapse;
         // A collapse joins both stars and loses two triangles of each.
@@ -350,7 +352,6 @@ impl<'a> Surface<'a> {
                 let has_edge = |t: &[u32; 3]| from_corner(*t, v).is_some_and(|[next, _]| next == u);
                 let among = triangles.iter().copied().find(has_edge);
                 let beyond = || {
-                    // Else it is one of the surface, without the triangles that the collapse removes.
                     [u, v]
                         .iter()
                         .filter_map(|&star| self.triangle_of(star, [v, u]))
@@ -370,7 +371,7 @@ impl<'a> Surface<'a> {
     }
 
     /// Makes at most `remaining` collapses that do not touch each other, the cheapest first. Returns their number.
-    /// None may have a greater error than `max_squared_error` for each unit of area.
+    /// None has a greater error than `max_squared_error` for each unit of weight.
     fn pass(&mut self, remaining: usize, max_squared_error: f64) -> usize {
         let vertices = 0..self.vertices.len() as u32;
         let mut candidates: Vec<Collapse> = vertices

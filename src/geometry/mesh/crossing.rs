@@ -31,9 +31,8 @@ pub(crate) fn by_part(soup: &Soup, part: &[u32], bounds: &Aabb, q: Vec3) -> Vec<
     sums
 }
 
-/// Visits the triangles that the ray from `q` to the nearest side of the box crosses, each with its contribution to the
-/// winding number. `visit` gets a slot and that contribution. The contribution is 1 where the ray leaves the surface
-/// and -1 where it enters.
+/// Visits the slots of the triangles that the ray from `q` to the nearest side of the box crosses, each with its
+/// contribution to the winding number: 1 where the ray leaves the surface, -1 where it enters.
 fn cross(soup: &Soup, bounds: &Aabb, q: Vec3, mut visit: impl FnMut(usize, i64)) {
     // The nearest side: the shorter the ray, the fewer triangles it meets.
     let (mut axis, mut is_forward, mut nearest) = (0, true, f64::INFINITY);
@@ -49,7 +48,8 @@ fn cross(soup: &Soup, bounds: &Aabb, q: Vec3, mut visit: impl FnMut(usize, i64))
     soup.along(q, axis, is_forward, |slot| {
         let t = &soup.corners[slot];
         let crossings = crossings(t, q, axis);
-        // The triangle lies ahead of q: its plane's side agrees with its turn seen along the ray. On it, q counts 0.
+        // The triangle lies ahead of q: its plane's side agrees with its turn seen along the ray. A triangle whose plane
+        // contains q counts 0.
         if crossings != 0 && side_of_plane(t, q) * f64::from(crossings) * direction > 0.0 {
             // The boxes of two pieces of a triangle may both meet the ray, which crosses it once.
             if soup.is_cut() {

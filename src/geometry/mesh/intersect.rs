@@ -1,7 +1,8 @@
 //! Exact self-intersection tests of triangle meshes.
 //!
 //! Two triangles may share a corner or a side; every other common point is an intersection, contact included.
-//! Signs of volumes and areas come from adaptive exact arithmetic (Shewchuk 1997), without tolerances.
+//! Signs of volumes and areas come from adaptive exact arithmetic (Shewchuk 1997), without tolerances; rounded extents
+//! only rule out pairs that are apart beyond doubt.
 
 use crate::frame::Vec3;
 use robust::{Coord, Coord3D, orient2d, orient3d};
@@ -136,7 +137,7 @@ impl Extent {
     pub(crate) fn is_apart(&self, u: &[Vec3; 3]) -> bool {
         let ([low, high], size) = self.heights(u);
         // A height m . (p - origin) has a difference, a product and two sums, each rounded by at most half an
-        // epsilon of |m|_1 |p - origin|, or by much less than the least normal number.
+        // epsilon of |m|_1 |p - origin|, or by much less than the least normal number: 4 epsilons for two heights.
         let rounding = 8.0 * f64::EPSILON * self.direction.lp_norm(1) * size.max(self.size)
             + f64::MIN_POSITIVE;
         low - self.ends[1] > rounding || self.ends[0] - high > rounding

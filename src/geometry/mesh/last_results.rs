@@ -5,7 +5,7 @@ use crate::frame::{Aabb, WorldPoint};
 use std::cell::RefCell;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Most samples of a lattice whose values are kept.
+/// Most samples of a lattice whose values are kept: 16 KiB for each thread.
 const MAX_SAMPLES: usize = 4096;
 
 /// Tells one mesh from all others that the program makes.

@@ -20,7 +20,8 @@ const RELATIVE_ROUNDING: f32 = 1e-5;
 const ABSOLUTE_ROUNDING: f32 = 1e-6;
 /// Numbers of samples of the blocks whose triangles are filtered: 4^3, 2^3.
 const FILTER_SAMPLES: [usize; 2] = [64, 8];
-/// Greatest number of triangles of such a block that are measured from eight samples at a time.
+/// Greatest number of triangles of such a block that are measured from eight samples at a time; a block with more is
+/// divided, one of the last level measured point by point.
 const MAX_ROW_TRIANGLES: [usize; 2] = [64, 32];
 
 /// Distances of a lattice's samples from the triangles in some packs of a soup, bit for bit those by
@@ -115,7 +116,7 @@ struct Candidates {
     squared: Vec<[f32; PACK_SIZE]>,
 }
 
-/// A range of sample indices per axis.
+/// Per axis the first sample index and the one behind the last.
 type Range = [[usize; 2]; 3];
 
 fn sample_count(range: &Range) -> usize {
@@ -148,7 +149,6 @@ impl SimdKernel for LatticeDistances<'_> {
         let mut slots: Vec<u32> = Vec::with_capacity(MAX_ROW_TRIANGLES[0]);
         let mut hint = PACK_SIZE as u32 * self.packs[0];
         let mut pending = vec![(self.lattice.counts.map(|c| [0, c]), 0)];
-        // Ranges are halved until few triangles remain for a block; blocks where many do are measured point by point.
         while let Some((range, level)) = pending.pop() {
             let mut level = level;
             if level < FILTER_SAMPLES.len() && sample_count(&range) <= FILTER_SAMPLES[level] {
@@ -364,7 +364,6 @@ impl LatticeDistances<'_> {
                         {
                             mask &= l.below(plate_bounds(l, plates, &q), cutoff);
                         }
-                        // Exact distances of the lanes that remain.
                         while mask != 0 {
                             let slot = self.slot(pack, mask.trailing_zeros());
                             mask &= mask - 1;

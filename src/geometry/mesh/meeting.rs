@@ -20,7 +20,7 @@ use std::collections::HashMap;
 const MIN_HUB_TRIANGLES: u32 = 64;
 /// Meshes of fewer triangles are searched without pieces: every pair can be tested.
 const MIN_TRIANGLES: usize = 4096;
-/// Maximum number of pieces of a triangle, and of pieces of all long triangles.
+/// Maximum number of pieces of a triangle, and about of pieces of all long triangles, for their memory.
 const MAX_PIECES: usize = 32;
 const MAX_PIECES_IN_ALL: usize = 2_000_000;
 /// Covers the rounding of directions.

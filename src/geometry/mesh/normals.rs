@@ -46,7 +46,6 @@ impl TriMesh {
         let mut normals = vec![Vec3::zeros(); self.vertices.len()];
         let count = (normals.len() / MAX_PARTS).max(MIN_VERTICES_PER_PART);
         let parts = normals.par_chunks_mut(count).enumerate();
-        // Each part adds its triangles in their order, so that the sums do not depend on the parts.
         parts.for_each(|(n, part)| {
             let first = n * count;
             let last = first + part.len() - 1;

@@ -20,7 +20,8 @@ const UNCERTAIN_MARGIN: f64 = 0.2;
 /// Least distance of a point from the patches, relative to the largest coordinate. Nearer points are moved:
 /// both terms of the winding number jump at a patch, each with its own rounding.
 const CLEARANCE_RATIO: f64 = 1e-11;
-/// Offsets of moved points, in multiples of the clearance; the first that is clear of all patches is used.
+/// Offsets of moved points, in multiples of the clearance, askew to all axes and diagonals; the first that is clear of
+/// all patches is used.
 const OFFSETS: [[f64; 3]; 4] = [
     [31.0, 52.0, 83.0],
     [-71.0, 23.0, 44.0],
@@ -56,7 +57,6 @@ impl OpenWinding {
         let repeated = boundary
             .iter()
             .flat_map(|s| std::iter::repeat_n(*s, s.multiplicity as usize));
-        // Each loop of boundary edges is closed by triangles on its chords.
         let mut patches = Vec::new();
         for edges in boundary_loops(repeated.collect()) {
             // Chords of the loop, as ranges of its edges.

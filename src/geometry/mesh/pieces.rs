@@ -158,7 +158,6 @@ impl PieceTree {
         for t in &cut {
             is_cut[t.number as usize] = true;
         }
-        // The other triangles keep one box.
         let whole = (0u32..).zip(corners).filter(|t| !is_cut[t.0 as usize]);
         all.extend(whole.map(|(number, t)| (Aabb::of(*t), number)));
         let bvh = Bvh::new(all.len(), |i| all[i].0);

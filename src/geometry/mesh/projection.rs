@@ -119,13 +119,13 @@ impl QuadMesh {
             .enumerate()
             .with_min_len(256)
             .map(|(n, &p)| {
+                // One in 256 vertices reports, for all of them.
                 if n % 256 == 0 {
                     if progress.cancelled() {
                         return Err(Cancelled);
                     }
                     progress.advance(256);
                 }
-                // The crease in the vertex's cell, if there is one, else the zero along its normal.
                 let mut target = Target::default();
                 if options.sharp && near_creases[n] {
                     surface.project_to_crease(p, &mut target);
@@ -182,8 +182,8 @@ impl QuadMesh {
             let length = (p - q).norm() / field.h;
             if at_crease {
                 let depth = field.value((p + q) / 2.0).abs() / field.h;
-                // At a crease the distance of the diagonal's middle from the surface decides; below 0.01 voxels, the
-                // rounding of a fit, the length decides.
+                // At a crease the distance of the diagonal's middle from the surface decides: 0.01 voxels of it, the
+                // rounding of a fit, weigh as much as a voxel of length. Below that the length decides.
                 100.0 * depth.max(0.01) + length
             } else {
                 length
@@ -415,6 +415,7 @@ impl ZeroSet<'_> {
         // before the edge of its two nearest planes.
         let planes = self.tangent_planes(p, SAMPLE_RADII[0] * self.h, 1.5 * self.h);
         for count in (2..=planes.len()).rev() {
+            // A point off the surface by more than rounding comes from planes that do not meet on it.
             let on_surface = |x: &Vec3| self.value(*x).abs() < 1e-3 * self.h;
             let Some(x) = self.crease_point(p, &planes[..count]).filter(on_surface) else {
                 continue;
@@ -508,7 +509,6 @@ impl ZeroSet<'_> {
             }
         }
         all.sort_by(|a, b| a.distance.abs().total_cmp(&b.distance.abs()));
-        // The nearest planes, each of a new direction.
         let mut planes: Vec<Tangent> = Vec::with_capacity(3);
         for t in all {
             if planes.len() < 3

@@ -20,7 +20,7 @@ use super::{MeshSolid, TriMesh};
 use crate::frame::Aabb;
 use std::fmt;
 
-/// Maximum number of pairs of triangles whose boxes overlap, each counted twice.
+/// Maximum number of pairs of triangles whose boxes overlap, each counted twice, and each triangle once with itself.
 const MAX_OVERLAPS: u64 = 40_000_000;
 
 /// The kind of a repair.
@@ -120,10 +120,11 @@ impl Oriented {
             |mesh: &TriMesh| -> NumberedTriangles { mesh.iter_corners().zip(0u32..).collect() };
         let mut soup = Soup::uncut(&numbered(&mesh));
         let shells = Shells::of(&merged, &sides);
-        // Nesting calls for winding numbers; a single shell lies in no other.
+        // For speed only: nesting calls for winding numbers, unless a single shell lies in no other.
         if shells.count > 1 {
             soup.cut();
         }
+        // Before the flip, which the volumes decide; what is read later (areas, boxes, closedness) does not change by it.
         let measured = shells.measured(&merged, &sides);
         let nesting = Nesting::of(&measured, &shells.of, &soup);
         let inverted = nesting.inverted(&measured);
@@ -183,7 +184,6 @@ impl Oriented {
         }
         let mut oriented = self;
         let scans = Scans::of(&oriented.mesh, &oriented.shells, &oriented.measured);
-        // The triangles of some shells.
         let of_shells = |shells: &[usize]| -> Vec<bool> {
             let of = oriented.shells.of.iter();
             of.map(|s| shells.contains(&(*s as usize))).collect()
@@ -308,8 +308,8 @@ fn has_too_many_overlaps(soup: &Soup) -> bool {
 
 impl MeshSolid {
     /// A solid from a mesh that may have defects: inconsistently oriented triangles and inward shells are
-    /// flipped, overlapping shells are united, cracks are closed, holes too by the winding number. Shells within
-    /// 2.5e-7 of the greatest coordinate, two roundings of single precision, touch and are one body.
+    /// flipped, copies left out, overlapping shells united, cracks closed, holes too by the winding number. Shells
+    /// within 2.5e-7 of the greatest coordinate, two roundings of single precision, touch and are one body.
     ///
     /// # Errors
     /// [`NoSolidError`] when the surface bounds no solid.

@@ -17,7 +17,7 @@ const SCAN_DISTANCE_RATIO: f64 = 0.02;
 const MIN_AREA_RATIO: f64 = 0.05;
 /// Greatest number of open shells that are compared. Meshes of more are torn everywhere.
 const MAX_SCANS: usize = 16;
-/// Points of a scan that are compared with another, about.
+/// Greatest number of points of a scan that are compared with another.
 const SCAN_SAMPLES: usize = 256;
 /// Least share of a scan's points near another by which the orientations of the two are compared.
 const MIN_NEAR_SHARE: f64 = 0.1;
@@ -118,8 +118,8 @@ struct Comparison {
 }
 
 impl Comparison {
-    /// Compares triangles' centres with a surface; those within `reach` are near. `reach` is in world units; at most
-    /// [`SCAN_SAMPLES`] centres are taken at equal steps of their numbers.
+    /// Compares triangles' centres with a surface; those within `reach`, world units, are near. Centres are taken at
+    /// equal steps of their numbers.
     fn of(part: &TriMesh, solid: &MeshSolid, reach: f64) -> Self {
         let mut found = Self {
             samples: 0,

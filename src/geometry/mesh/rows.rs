@@ -102,7 +102,6 @@ impl SimdKernel for Distances<'_> {
             if let Some((q, distance)) = previous {
                 reach = length(difference(p, q)) + distance;
             }
-            // The plane's distance and the disc reject most facets for all eight points.
             for facet in self.facets {
                 // h, and the limit of distances that matter.
                 let height = height(facet, p).abs();

@@ -15,14 +15,14 @@ use crate::union_find::UnionFind;
 use std::collections::HashMap;
 use std::slice;
 
-/// Points of a possible cavity by which it is known whether it lies in a shell, about.
+/// Greatest number of points of a possible cavity by which it is known whether it lies in a shell.
 const CAVITY_PROBES: usize = 8;
-/// Distance of these points from their triangles, over the size of these.
+/// Distance of these points from their triangles, over the root of twice the triangle's area.
 const PROBE_OFFSET: f64 = 1e-4;
 /// Distance below which a corner counts as in a plane, relative to the greatest coordinate: twice the rounding of single
 /// precision. Faces of two shells that are so close touch.
 pub(super) const COPLANAR_TOLERANCE_RATIO: f64 = 2.5e-7;
-/// A signed volume below this fraction of area^1.5 counts as zero.
+/// A signed volume below this fraction of area^1.5 counts as zero, and volumes that differ by less as equal.
 pub(super) const FLAT_VOLUME_RATIO: f64 = 1e-9;
 
 /// Shells of a mesh of merged vertices.
@@ -313,7 +313,6 @@ fn cavity_probes(
             triangles.entry(shell).or_default().push(slot);
         }
     }
-    // Evenly spread over the slots of a shell, at most `CAVITY_PROBES` of them.
     let probes = triangles.into_iter().map(|(shell, slots)| {
         let step = slots.len().div_ceil(CAVITY_PROBES).max(1);
         // Inward normals lead into the cavity.

@@ -144,7 +144,8 @@ impl MeshSolid {
         }
     }
 
-    /// The volume, or `None` for an open surface and one whose parts were united: that of the mesh is another one.
+    /// The volume, or `None` for an open surface, one with caps and one whose parts were united: that of the mesh is
+    /// another one.
     pub fn volume(&self) -> Option<f64> {
         let is_whole = self.surface().count() == self.mesh.triangles().len();
         (self.is_cycle() && is_whole).then(|| self.mesh.volume())
@@ -369,7 +370,7 @@ impl MeshSolid {
         let Some(boundary) = &self.boundary else {
             return Some(self.contains(centre));
         };
-        // At the surface w jumps by integers: the fractional part of w must stay away from 1/2.
+        // At the surface w jumps by integers: the fractional part of w must stay away from 1/2. A value of 0.5 fails.
         let winding_variation = boundary.winding_variation(centre, radius);
         let w = if winding_variation < 0.5 {
             self.winding_number(centre)

@@ -53,7 +53,6 @@ impl Disc {
             .iter()
             .map(|p| (p - centre).norm())
             .fold(0.0, f64::max);
-        // In double precision; rounded to single at the end.
         let n = (b - a).cross(&(c - a));
         // The normal of a needle is too inaccurate.
         let normal = if n.norm() > 1e-6 * radius * radius {

@@ -105,7 +105,7 @@ impl SolidAngle {
         self.im = product.1 / size;
     }
 
-    /// The sum as a winding number: solid angle / 4 pi.
+    /// The sum as a winding number: solid angle / 4 pi, where the argument is half the angle.
     pub(crate) fn winding(&self) -> f64 {
         self.im.atan2(self.re) / std::f64::consts::TAU + self.turns
     }

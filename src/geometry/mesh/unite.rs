@@ -221,7 +221,6 @@ impl Classifier<'_> {
             }
             true
         });
-        // In the plane of the triangle.
         let triangle: Vec<[f64; 2]> = corners.iter().map(|&c| plane.project(c)).collect();
         segments.retain_mut(|s| clip_segment(&triangle, s, self.tolerance));
         if segments.is_empty() {

@@ -13,7 +13,8 @@ fn hash(mut v: u64) -> u64 {
     v ^ v >> 31
 }
 
-/// The product of a lattice point's gradient, one of the 12 directions to a cube's edge midpoints, and `step`.
+/// The product of a lattice point's gradient and `step`. The gradient is one of the 12 directions to a cube's edge
+/// midpoints: the hash chooses the axis without a component, and two of its bits the signs of the others.
 fn plane(point: [i64; 3], step: [f64; 3]) -> f64 {
     let mixed = point
         .into_iter()
@@ -23,9 +24,8 @@ fn plane(point: [i64; 3], step: [f64; 3]) -> f64 {
     sign(40) * step[(along + 1) % 3] + sign(41) * step[(along + 2) % 3]
 }
 
-/// Noise at a point, with features of size one; NaN if a coordinate is not finite. Each lattice point has a plane of
-/// fixed pseudorandom slope; the values of eight are mixed by a polynomial whose first two derivatives vanish at the
-/// lattice planes.
+/// Noise at a point, with features of size one; NaN if a coordinate is not finite. The first two derivatives of `fade`
+/// vanish at the lattice planes.
 pub(super) fn noise(x: f64, y: f64, z: f64) -> f64 {
     let at = [x, y, z];
     let low = at.map(f64::floor);

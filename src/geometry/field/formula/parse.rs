@@ -96,7 +96,6 @@ pub(super) fn steps(
         });
     }
     let characters: Vec<char> = text.chars().collect();
-    // A formula is a sum up to the end of the text.
     let mut parser = Parser {
         text: &characters,
         at: 0,
@@ -317,7 +316,6 @@ impl Parser<'_> {
         if let Some((_, value)) = constants.find(|c| c.0 == word) {
             return self.push(Step::Number(*value));
         }
-        // The message lists what the name may be.
         self.at = start;
         let constants = CONSTANTS.iter().chain(self.constants).map(|c| c.0);
         let constants = constants.collect::<Vec<_>>().join(", ");
