@@ -78,7 +78,7 @@ pub use surface::{Terms, of_terms};
 pub use table::Table;
 pub use trig_products::{Along, Column, FUNCTIONS, Products};
 
-/// Least difference of the greatest and the least value of a function that is not constant.
+/// Least difference of the greatest and the least value of a function that is not constant: its cube is a number.
 const MIN_RANGE: f64 = 1e-100;
 
 /// A unit cell of an element. As a [`Field`] it is negative inside its solid and evaluated exactly.
@@ -106,7 +106,7 @@ pub struct Cell {
     level: f64,
     solid: Solid,
     face_normal: bool,
-    /// The mean gradient on the surface; clones share it.
+    /// Root mean square of the gradient on the surface, once known; clones share it.
     gamma: Arc<OnceLock<f64>>,
     /// What has been evaluated of the function; clones share it, at any level.
     function_data: Arc<FunctionData>,
@@ -127,7 +127,7 @@ impl Cell {
     ) -> Result<Self, CellError> {
         let expression = expression.into();
         let (group, operators) = compatibility::symmetry_of(element, &expression)?;
-        // Searches for levels divide by cubes of differences of values, which must not underflow.
+        // Searches for levels divide by cubes of differences of values.
         let values = expression.bound(&element.cell_box());
         let range = values.hi - values.lo;
         if range > 0.0 && range < MIN_RANGE {
@@ -259,7 +259,7 @@ impl Cell {
     /// square of the gradient is dropped, as it depends on the surface.
     ///
     /// # Errors
-    /// [`CellError::OutOfRange`] for a level that is not finite, or not positive for a sheet or channels.
+    /// [`CellError::OutOfRange`] for a level that is not below 1e18 in magnitude, or not positive for a sheet or channels.
     pub fn with_solid(mut self, solid: Solid, level: f64) -> Result<Self, CellError> {
         solid.check(level)?;
         self.solid = solid;
@@ -272,7 +272,7 @@ impl Cell {
     /// by a change of level, not by a constant distance.
     ///
     /// # Errors
-    /// [`CellError::OutOfRange`] if the thickness of a sheet would become 0 or negative.
+    /// As [`Self::with_solid`] for the new level.
     pub fn shifted(self, by: f64) -> Result<Self, CellError> {
         let level = self.solid.shifted(self.level, by);
         let solid = self.solid;
@@ -290,7 +290,7 @@ impl Cell {
     /// The level of a sheet or channels is replaced: their function is taken as it is.
     ///
     /// # Errors
-    /// [`CellError::OutOfRange`] unless `half` is positive and finite.
+    /// [`CellError::OutOfRange`] unless `half` is positive and below 1e18.
     pub fn sheet(self, half: f64) -> Result<Self, CellError> {
         let centre = self.solid.centre(self.level);
         let mut cell = self;

@@ -6,7 +6,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// Rows shorter than this share of the longest row count as dependent.
+/// Rows shorter than this share of the longest, and remainders of unit rows shorter than this, count as dependent.
 const RANK_TOLERANCE: f64 = 1e-9;
 
 /// The equations A a = 0 and an orthonormal basis of the row space of A.

@@ -75,7 +75,7 @@ pub struct DesignProperties {
     /// Least width of the solid, reference lengths.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub least_wall: Option<f64>,
-    /// Least width of the void.
+    /// Least width of the void, reference lengths.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub least_gap: Option<f64>,
     /// Bulk modulus over its Hashin-Shtrikman bound.

@@ -67,6 +67,7 @@ impl Domain {
     /// The domain of an element under a group of its symmetries.
     /// Points of two flags that coincide within 1e-8 are the same. `operators` contain the identity.
     pub fn new(element: Element, operators: &[Mat3]) -> Self {
+        // Weights without symmetry give each flag a point that no operator but the identity keeps.
         let mut flags: Vec<([Vec3; 4], Vec3)> = all_flags(element)
             .into_iter()
             .map(|f| (f, f[1] * 0.5 + f[2] * 0.3 + f[3] * 0.2))

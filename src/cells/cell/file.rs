@@ -254,7 +254,7 @@ impl Cell {
     ///
     /// Each inner list of `lattice` is one lattice vector. `c` = (re, im) multiplies every exponential
     /// exp(2 pi i k.u), x = L u, of the orbit of `k`. Each orbit pair +-k is listed once; the opposite
-    /// orbit has the conjugate. `gamma` and `report` are optional. Planar elements have two lattice vectors
+    /// orbit has the conjugate. All keys from `level` on are optional, and so is `name`. Planar elements have two vectors
     /// of two components and two indices. Cells of the `ball`, whose group is Ih, have six vectors of six
     /// components, the last three internal (x = (x, y, z, 0, 0, 0)), and six indices. A group without a
     /// name is given by its `generators`, operators such as `x,-z,y` on the lattice coordinates u.
@@ -275,8 +275,8 @@ impl Cell {
     /// | `{"negation": part}` | - part |
     ///
     /// # Errors
-    /// [`CellTextError`] with the line: text that is not JSON, an unknown key, format, version, element,
-    /// group or lattice, an invalid coefficient, a level out of range.
+    /// [`CellTextError`] with the line, if it is known: text that is not JSON, a missing or unknown key, an unknown
+    /// format, version, element, group or lattice, an invalid coefficient, a number out of range, too many nodes.
     pub fn from_json(text: &str) -> Result<Self, CellTextError> {
         let mut document: Document = serde_json::from_str(text).map_err(|e| {
             // The message of the parser ends with the place, which the error holds as a number: it is cut off.
@@ -312,7 +312,7 @@ impl Cell {
     }
 
     /// The text of a `.cell` file. [`Cell::from_json`] restores the cell bit for bit.
-    /// Computes the mean slope on the surface, if it is not known, to write it.
+    /// Computes [`Self::gamma`], if it is not known, to write it.
     pub fn to_json(&self) -> String {
         let mut text = String::new();
         // Writing to a string cannot fail.

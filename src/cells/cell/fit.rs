@@ -55,7 +55,7 @@ use run::Job;
 /// A signed distance in the reference frame of an element, negative inside.
 pub type Distance<'a> = dyn Fn(CellPoint<3>) -> f64 + Sync + 'a;
 
-/// The first band limit of a search for a tolerance, and the factor to the next.
+/// The first band limit of a search for a tolerance, cycles per reference length, and the factor to the next.
 const INITIAL_BAND_LIMIT: f64 = 4.0;
 const BAND_LIMIT_FACTOR: f64 = 1.5;
 

@@ -33,7 +33,7 @@ impl Cell {
     /// about the distance in reference lengths, negative in the solid.
     ///
     /// # Errors
-    /// [`CellError::Expression`] for a cell without a surface.
+    /// [`CellError::Expression`] unless [`Self::gamma`] is above 1e-18 and finite, and for too many nodes.
     pub fn unit_expression(&self) -> Result<Expression, CellError> {
         let gamma = self.gamma();
         if !(gamma.is_finite() && gamma > 0.0) {
@@ -71,8 +71,8 @@ impl Cell {
     /// The result is a new cell with level 0 and the solid below it. Weights are divided by their sum.
     ///
     /// # Errors
-    /// [`CellError::Expression`] for no cells, several elements, a cell without slope, or weights
-    /// that are negative, not finite, or all 0.
+    /// [`CellError::Expression`] for no cells, several elements, weights that are negative, not finite, or all
+    /// 0, and as of [`Self::unit_expression`] and [`Self::new`].
     pub fn average(name: &str, parts: &[(f64, &Self)]) -> Result<Self, CellError> {
         let cells: Vec<&Self> = parts.iter().map(|p| p.1).collect();
         let element = Self::check_one_element(&cells)?;

@@ -90,12 +90,12 @@ pub fn combine(a: &[bool], b: &[bool], n: usize, operation: Operation) -> Vec<bo
 }
 
 /// The cell of a sum or difference, fitted to the signed distance of the result.
-/// `name` is that of the new cell, and `options` are those of the fit. Planar elements have no result. The grid has
-/// about 64 samples per reference length, so that details of the result below 1/64 are lost.
+/// `name` is that of the new cell, and `options` are those of the fit. The grid has about 64 samples per reference
+/// length, so that details of the result below 1/64 are lost.
 ///
 /// # Errors
-/// [`FitError`]: cells of different elements, an element whose cell has no continuation, a result
-/// that is empty or fills the element, and those of [`Table::new`] and [`fit()`].
+/// [`FitError`]: cells of different elements, a planar element, on the torus also one whose cell has no continuation, a
+/// result that is empty or fills the grid, and those of [`Table::new`] and [`fit()`].
 pub fn minkowski(
     name: &str,
     a: &Cell,

@@ -33,7 +33,8 @@ use grid::Grid;
 use spline::Spline;
 use spline_series::SplineSeries;
 
-/// Maximal number of samples per axis in [`Table::new`]: 9 MiB for each series of a hex.
+/// Maximal number of samples per axis in [`Table::new`]: for each series of a hex under Oh 4.5 MiB of coefficients and
+/// 12 MiB of windows of bounds.
 const MAX_SAMPLES: usize = 160;
 /// Minimal number of samples per axis.
 const MIN_SAMPLES: usize = 32;

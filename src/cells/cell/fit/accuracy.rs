@@ -124,7 +124,6 @@ pub(super) fn measure(
         ..FitReport::default()
     };
     (report.gradient_inside, report.gradient_outside) = gradients(cell, domain);
-    // Points on both surfaces are searched for only on request.
     if options.measure {
         stop()?;
         report.hausdorff = hausdorff(cell, target, domain, info, options.band_limit);
@@ -243,8 +242,8 @@ fn flag_crossings(
 
 /// The distance of a point to the surface of a function, by Newton steps combined with steps along the
 /// surface towards the foot point. `None` if the steps do not converge.
-/// `function` gives value and gradient. Steps are at most 0.1 reference lengths, and the iteration ends below 1e-7. A
-/// value above 1e-6 of the slope (at least 1) does not count as converged, nor does a slope below 1e-6.
+/// `function` gives value and gradient. Steps, at most 12, are at most 0.1 reference lengths, and the iteration ends
+/// below 1e-7. A value above 1e-6 of the slope (at least 1) does not count as converged, nor does a slope below 1e-6.
 fn distance_to_surface(function: &impl Fn(Vec3) -> (f64, Vec3), q: Vec3) -> Option<f64> {
     let mut x = q;
     let mut last = (0.0, Vec3::zeros());

@@ -137,7 +137,6 @@ pub(super) fn components(cell: &Cell, target: &Target, domain: &Domain) -> Compo
         .collect();
     let flag_images = flag_images(cell, domain);
     let planar = cell.element().dimension() == 2;
-    // The four counts use the same points, with another choice of the phase.
     let component_count = |pick: &dyn Fn(&(bool, bool)) -> bool| {
         let inside: Vec<Vec<bool>> = signs
             .iter()

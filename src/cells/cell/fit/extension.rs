@@ -67,7 +67,8 @@ impl Extension {
     }
 }
 
-/// Reflects the corners of the unit cube in the faces of the tet.
+/// Reflects the corners of the unit cube in the faces n.x = 1/2 of the tet, |n|^2 = 3. Points on a face stay, up to
+/// rounding.
 fn mirror(mut x: Vec3) -> Vec3 {
     for n in [[1., 1., 1.], [1., -1., -1.], [-1., 1., -1.], [-1., -1., 1.]].map(Vec3::from) {
         let excess = x.dot(&n) - 0.5;

@@ -97,7 +97,6 @@ pub fn fit_matched(
         rest = tail;
         let (group, lattice) = (basis.group().clone(), basis.lattice().clone());
         let series = Series::new(group, lattice, &basis.coefficients(own))?;
-        // Mean square of the difference over the interior.
         let (mut sum, mut weight) = (0.0, 0.0);
         for s in &samples[..*interior] {
             sum += s.weight * (series.value(s.point) - s.value).powi(2);

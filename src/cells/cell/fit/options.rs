@@ -81,9 +81,9 @@ pub struct FitOptions {
     pub group: Option<String>,
     /// Name of the lattice; `None` for the element's default.
     pub lattice: Option<String>,
-    /// Weight lambda of the penalty (1 + |f|^2) a^2 of the least squares. The default is 1e-5, and 3e-6
-    /// for face-normal cells. A smaller weight fits the interior slightly better, but the gradient
-    /// outside grows.
+    /// Weight lambda of the penalty (1 + |f|^2) a^2 of the least squares. The default is 1e-5, 3e-6 for
+    /// face-normal cells, and 0 for samples over a period. A smaller weight fits the interior slightly better, but the
+    /// gradient outside grows.
     pub regularisation: Option<f64>,
     /// Minimal number of samples along an edge of the element's cube. Many unknowns increase it.
     pub samples: usize,
@@ -95,8 +95,8 @@ pub struct FitOptions {
     pub keep: Option<usize>,
     /// Whether the surface must meet the element's faces at a right angle.
     pub face_normal: bool,
-    /// Largest distance between the two surfaces. The band limit increases from 4 by factors of 1.5 until the
-    /// distance is within the tolerance.
+    /// Largest distance between the two surfaces, reference lengths. The band limit increases from 4 by factors of 1.5
+    /// until the distance is within the tolerance, `band_limit` at most. Samples over a period ignore it.
     pub tolerance: Option<f64>,
     /// The combination of the images of a source without the symmetry.
     pub symmetrise: Symmetrise,

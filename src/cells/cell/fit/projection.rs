@@ -96,7 +96,7 @@ pub fn lanczos<const D: usize>(
     let longest = (0..D).map(|a| lattice.columns().column(a).norm());
     let longest = longest.fold(0.0, f64::max);
     // A product over the axes is equal within an orbit only where the group permutes and reverses axes.
-    // Elsewhere the factor depends on |f| alone.
+    // Elsewhere the factor depends on |f| alone, and is 0 beyond its first zero.
     for (k, c) in terms {
         let factor: f64 = if is_orthogonal {
             k.iter().map(|k| sinc(f64::from(*k) / end)).product()

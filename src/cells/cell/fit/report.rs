@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct FitReport {
-    /// "lsq": weighted least squares over the element; "fft": transform over the period; "paper".
+    /// "lsq", "fft" or "paper" as [`crate::cell::Method`] has them, or "matched" ([`crate::cell::fit_matched`]).
     pub method: String,
     /// The solver: dense, iterative with its number of steps, or a transform.
     pub solver: String,

@@ -321,6 +321,7 @@ impl Job<'_> {
     ) -> Result<Solution, FitError> {
         let options = self.options;
         let lattice = basis.lattice();
+        // For the errors of a source and its symmetry; the values themselves are not used.
         let (_, _, quality) = self.sampled(basis, domain, target)?;
         let radius = Some(options.band_limit).filter(|r| r.is_finite());
         // Given samples of the period fix the grid. Otherwise the source is continued over the period, with n
@@ -374,9 +375,9 @@ impl Job<'_> {
     }
 
     /// The least squares of samples over the whole period, from their transform. The waves are orthogonal,
-    /// so that a penalty acts on each separately. Without a regularisation in the options there is no
-    /// penalty. Coefficients that are rounding errors become zero.
-    /// `real` is in the order of the basis and is changed in place.
+    /// so that a penalty acts on each separately; the mean square is the sum of a^2 over the volume, which thus goes
+    /// with lambda. Without a regularisation in the options there is no penalty. Coefficients that are rounding
+    /// errors become zero. `real` is in the order of the basis and is changed in place.
     fn penalised<const D: usize>(&self, basis: &Basis<D>, real: &mut [f64]) {
         let lambda = match self.options.method {
             Method::Lsq => self.options.regularisation.unwrap_or(0.0),

@@ -65,7 +65,6 @@ impl DisplacementProbe {
             .take(count)
             .collect();
         let mean = cell.gamma();
-        // Each point by itself, with the mean slope, and the surface point that belongs to it, with its own slope.
         let points = points.into_par_iter().flat_map_iter(|p| {
             let within = SamplePoint {
                 position: CellPoint(p),

@@ -122,7 +122,7 @@ impl Table {
             let error_rms = table.error_rms;
             best = Some(table);
             // Where waves interfere, and where the slope is small, the displacement is several times the
-            // root mean square error over the mean slope. This step may skip sizes.
+            // root mean square error over the mean slope. The root of the ratio, a cautious step, may still skip sizes.
             rms = error_rms / gain * (most / found).sqrt();
         }
     }

@@ -120,7 +120,7 @@ pub(super) struct WindowRanges {
     levels: Vec<Level>,
 }
 
-/// Maximal number of window look-ups per query, beyond which wider windows are used.
+/// Maximal number of window look-ups per query, four per axis, beyond which wider windows are used.
 const MAX_LOOK_UPS: usize = 64;
 
 impl WindowRanges {
