@@ -66,7 +66,7 @@ pub use surface::SurfaceError;
 pub use symmetrize::Symmetry;
 pub use triangulate::Triangulated;
 
-/// Maximum number of corners that a remeshing, extrusion or subdivision makes.
+/// Maximum number of corners that a remeshing, extrusion or subdivision makes: a list of them takes half a GiB.
 const MAX_CORNERS: u64 = 1 << 27;
 
 /// The faces of a mesh: loops of vertex numbers in one array.

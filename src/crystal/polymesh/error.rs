@@ -67,7 +67,7 @@ pub enum PolyError {
     Pinched {
         /// The vertex.
         vertex: u32,
-        /// Number of fans.
+        /// Number of fans, 255 for more.
         fans: usize,
     },
     /// A vertex of no face.

@@ -390,7 +390,8 @@ fn crossing(a: Line, b: Line, corner: usize) -> Result<Vec3, String> {
 
 /// The shrinking s and rotation theta (radians) of regular faces that make all edges of a snub solid equal, for the
 /// dihedral angle `delta` in radians; `p` is pi over the number of a face's corners. Two edges across a pair of faces
-/// have to equal the edge of a face. The error: Newton's method finds none with 0 < s < 1, |theta| < 1.
+/// have to equal the edge of a face. The error: Newton's method finds none with 0 < s < 1, |theta| < 1; larger turns of
+/// regular faces only repeat these.
 fn snub(p: f64, delta: f64) -> Result<(f64, f64), String> {
     // Two faces over the edge from (-1/2, 0, 0) to (1/2, 0, 0), the first in the plane z = 0 on y > 0.
     let radius = 0.5 / p.sin();

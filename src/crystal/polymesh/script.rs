@@ -58,7 +58,7 @@ pub const VERBS: &[(&str, &str)] = &[
     ("save", "FILE"),
 ];
 
-/// Face count above which each step reports progress.
+/// Face count above which each step reports progress: on smaller meshes it takes but a moment.
 const PROGRESS_MIN_FACES: usize = 10_000;
 /// Maximum number of steps that one interpreter runs, loops unrolled.
 const MAX_STEPS: usize = 100_000;
@@ -286,7 +286,8 @@ impl Script {
     /// Reads a script.
     ///
     /// # Errors
-    /// [`ScriptError`]: brackets that do not match, a step that does not exist.
+    /// [`ScriptError`]: brackets or quotes that do not match, a step that does not exist, a faulty name, value or count
+    /// of `param` and `repeat`, loops nested more than 20 deep. Arguments of steps are read when they run.
     pub fn parse(text: &str) -> Result<Self, ScriptError> {
         parse::script(text)
     }
@@ -346,7 +347,6 @@ fn items(list: &[Item], interpreter: &mut Interpreter, until: usize) -> Result<b
                 line,
                 column,
             } => {
-                // A value given by the caller replaces that of the script.
                 let value = match interpreter.overrides.get(name) {
                     Some(&value) => value,
                     None => argument::number(value, interpreter, *line, *column)?,

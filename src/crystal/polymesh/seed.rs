@@ -1,6 +1,6 @@
-//! Initial meshes: Platonic and Archimedean solids, polygons, prisms, grids, tori.
+//! Initial meshes: Platonic and Archimedean solids, polygons, prisms, antiprisms, pyramids, grids, tori.
 //!
-//! Solids are centred on the origin; all faces are in group 1. Lengths are in the model's unit.
+//! Solids are centred on the origin, a pyramid with its base; all faces are in group 1. Lengths are in the model's unit.
 
 use super::{Faces, PolyError, PolyMesh, archimedean};
 use druse_geometry::frame::Vec3;

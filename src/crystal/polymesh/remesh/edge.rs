@@ -80,8 +80,8 @@ fn split(s: &mut MeshBuilder, old: &Old, middle: u32) {
     }
 }
 
-/// Loop's scheme (1987): edge points 3/8 (a + b) + 1/16 of the four face neighbours, vertices
-/// (1 - k w) v + w sum(neighbours), w = (5/8 - (3/8 + cos(2 pi/k)/4)^2)/k.
+/// Loop's scheme (1987): edge points 3/8 (a + b) + 1/16 of the four face neighbours, vertices of k neighbours
+/// (1 - w) v + w mean(neighbours), w = 5/8 - (3/8 + cos(2 pi/k)/4)^2.
 pub(super) fn loop_smooth(old: &Old, _: &[f64]) -> RuleResult {
     let vertices = (0..old.vertices()).map(|v| {
         let (mean, k) = neighbours(old, v);

@@ -198,7 +198,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
         self.whole(&word, value).map(Some)
     }
 
-    /// The value of a word as a whole number from 0.
+    /// The value of a word as a whole number from 0 to 1e9.
     pub fn whole(&self, word: &Word, value: f64) -> Result<usize, ScriptError> {
         if value.fract() == 0.0 && (0.0..=1e9).contains(&value) {
             return Ok(value as usize);

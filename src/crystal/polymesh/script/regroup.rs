@@ -105,7 +105,6 @@ pub(super) fn start_vertex(a: &mut Arguments, interpreter: &Interpreter) -> Step
             return Err(a.fault(text));
         }
     };
-    // Exactly one rule gives the start.
     if usize::from(toward.is_some()) + usize::from(at.is_some()) + usize::from(lowest) != 1 {
         return Err(a.fault("expected exactly one of toward=[x, y, z], at=VERTEX, lowest"));
     }
