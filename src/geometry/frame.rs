@@ -1,4 +1,5 @@
-//! Frames: the coordinate systems of Druse, and the changes of frame other than element maps.
+//! Frames: the coordinate systems of Druse with their points and boxes, and the changes of frame other than element
+//! maps. Beside them are the reference elements, units of length and numbers for messages.
 //!
 //! | frame | type | unit | origin |
 //! |---|---|---|---|

@@ -54,7 +54,7 @@ enum Step {
 /// | `pow atan2 mod` | two: `atan2(y, x)`; `mod` has the sign of its second argument |
 /// | `step smoothstep mix clamp` | `step(edge, x)`: 1 from `edge` on; `smoothstep(from, to, x)`; `mix(a, b, t)`:
 /// a + (b - a) t; `clamp(x, least, greatest)` |
-/// | `ramp` | `ramp(from, to, x)`: 0 below `from`, 1 above `to`, linear in between |
+/// | `ramp` | `ramp(from, to, x)`: 0 at `from` and before, 1 at `to` and beyond, linear in between; may fall |
 /// | `noise` | `noise(x, y, z)`: smooth, between -1 and 1, features of size one, deterministic |
 /// | `min max hypot` | two or more |
 ///

@@ -376,6 +376,7 @@ impl<'a> Surface<'a> {
         let vertices = 0..self.vertices.len() as u32;
         let mut candidates: Vec<Collapse> = vertices
             .into_par_iter()
+            // A vertex is too little work for a task.
             .with_min_len(256)
             .filter_map(|v| self.cheapest(v, max_squared_error))
             .collect();

@@ -235,7 +235,6 @@ impl LatticeDistances<'_> {
         hint: &mut u32,
         slots: &mut Vec<u32>,
     ) -> usize {
-        // A ball around the range's samples.
         let ends = [0, 1].map(|k| self.point([0, 1, 2].map(|a| range[a][k] - k)));
         let centre = (ends[0] + ends[1]) / 2.0;
         let radius = (ends[1] - ends[0]).norm() / 2.0;
@@ -249,7 +248,6 @@ impl LatticeDistances<'_> {
         }
         from.squared.resize(n, [0.0; PACK_SIZE]);
         let q = self.local_point(l, centre);
-        // The least bound in each lane, over all packs.
         let mut lane_minima = l.splat(f32::INFINITY);
         for i in 0..n {
             let pack = from.packs[i];

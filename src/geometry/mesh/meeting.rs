@@ -258,7 +258,6 @@ impl Pieces {
         }
         let boxes: Vec<Aabb> = of_each.into_iter().flatten().collect();
         let bvh = Bvh::new(boxes.len(), |i| boxes[i]);
-        // A node knows the last triangle in it, and the hub if all of its triangles have the same.
         let node = |slot: usize| {
             let triangle = slots[bvh.order()[slot] as usize];
             (triangle, hubs[triangle as usize])

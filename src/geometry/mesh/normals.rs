@@ -55,6 +55,7 @@ impl TriMesh {
                 for t in block.iter().filter(|t| t.iter().any(|&v| meets(v, v))) {
                     let [a, b, c] = t.map(|v| self.vertices[v as usize]);
                     let normal = (b - a).cross(&(c - a));
+                    // Vertices of other parts have no place in this one: those before `first` wrap around.
                     for &v in t {
                         if let Some(sum) = part.get_mut((v as usize).wrapping_sub(first)) {
                             *sum += normal;

@@ -59,7 +59,7 @@ impl OpenWinding {
             .flat_map(|s| std::iter::repeat_n(*s, s.multiplicity as usize));
         let mut patches = Vec::new();
         for edges in boundary_loops(repeated.collect()) {
-            // Chords of the loop, as ranges of its edges.
+            // Chords of the loop, as ranges of its edges; patches run against the loop, which closes it.
             let mut pending = vec![(0, edges.len() - 1)];
             while let Some((from, to)) = pending.pop() {
                 if to < from + 2 {

@@ -389,7 +389,6 @@ impl MeshSolid {
             united,
         };
         let solid = Self::of_parts(parts, &is_cap);
-        // If most of it is inside out after all, everything is repeated with the flipped mesh.
         let openness = Openness::of(&solid, &merged, &sides);
         if openness.inside_out {
             let flipped = solid.mesh().flipped();

@@ -65,7 +65,6 @@ impl Scans {
         if !(2..=MAX_SCANS).contains(&open.len()) {
             return scans;
         }
-        // Each shell is compared with the larger ones that were kept.
         let mut kept: Vec<(usize, MeshSolid)> = Vec::new();
         for &shell in &open {
             let part = part(mesh, shells, shell);
@@ -85,7 +84,6 @@ impl Scans {
                 scans.covered.push(shell);
                 continue;
             }
-            // Most of the points near the other one have opposite normals.
             let is_opposed = 2 * overlap.opposed > overlap.near;
             if is_opposed {
                 scans.opposed.push(shell);

@@ -46,6 +46,9 @@ pub struct MeshSolid {
     precision: Precision,
 }
 
+/// Factor of radii and reaches, so that points on their rim count despite rounding.
+const RIM_FACTOR: f64 = 1.0 + 1e-9;
+
 /// Triangles with their numbers in the mesh.
 pub(super) type NumberedTriangles = Vec<([Vec3; 3], u32)>;
 
@@ -266,8 +269,7 @@ impl MeshSolid {
         }
         let span = lattice.span();
         let (centre, radius) = (span.centre().0, span.half_diagonal());
-        // Slightly larger, to include samples on the corners of the box despite rounding.
-        let radius = radius * (1.0 + 1e-9);
+        let radius = radius * RIM_FACTOR;
         let nearest_to_centre = self
             .surface
             .closest_within(centre, max_distance + radius, None)
@@ -277,17 +279,18 @@ impl MeshSolid {
         let mut measured = 0;
         if bound.is_finite() {
             let mut packs = Vec::new();
-            let reach = bound * (1.0 + 1e-9);
+            let reach = bound * RIM_FACTOR;
             self.surface.collect_packs(&span, reach, &mut packs);
             measured =
                 lattice::distances(&self.surface, &packs, lattice, max_distance, &mut distances);
         }
         let regular_sign = self.regular_sign(centre, radius);
         let slack = self.precision.slack;
+        // Without a surface in a regular ball all samples have the sign of its centre.
         let inside_all = regular_sign.filter(|_| nearest_to_centre.distance > radius + slack);
         let [_, ny, nz] = lattice.counts;
         // The distances of two samples from a surface between them add up to their step at most.
-        let reach = lattice.step * (1.0 + 1e-9) + slack;
+        let reach = lattice.step * RIM_FACTOR + slack;
         let strides = [1, nz, ny * nz];
         let blocks = self.regular_blocks(lattice, regular_sign.is_some());
         for n in 0..lattice.len() {
@@ -336,7 +339,7 @@ impl MeshSolid {
             let to = [0, 1, 2].map(|a| (from[a] + size).min(lattice.counts[a]));
             let number = |[x, y, z]: [usize; 3]| (x * ny + y) * nz + z;
             let ends = [from, to.map(|c| c - 1)].map(|at| lattice.point(number(at)).0);
-            let radius = (ends[1] - ends[0]).norm() / 2.0 * (1.0 + 1e-9);
+            let radius = (ends[1] - ends[0]).norm() / 2.0 * RIM_FACTOR;
             if self
                 .regular_sign((ends[0] + ends[1]) / 2.0, radius)
                 .is_some()
@@ -432,7 +435,7 @@ impl Field for MeshSolid {
         let mut hull: Option<Interval> = None;
         for region in &parts.wide {
             let (centre, radius) = (region.centre().0, region.half_diagonal());
-            let radius = radius * (1.0 + 1e-9);
+            let radius = radius * RIM_FACTOR;
             let found = self
                 .surface
                 .closest_within(centre, max_distance + radius, None);

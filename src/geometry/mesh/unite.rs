@@ -86,7 +86,7 @@ pub(crate) fn unite(
         tolerance,
         touches,
     };
-    // Each triangle by itself, then the uncut ones by region.
+    // Each triangle by itself, in tasks of many, since most take no time; then the uncut ones by region.
     let classes: Vec<Classification> = (0..mesh.triangles().len())
         .into_par_iter()
         .with_min_len(64)
@@ -494,7 +494,6 @@ fn split_polygon(
             convex_parts.push(polygon);
             continue;
         };
-        // Both sides of the line go on with the segments that reach into them.
         for sign in [1.0, -1.0] {
             let part = clip_half_plane(&polygon, &heights, sign);
             let inside: Vec<[[f64; 2]; 2]> = segments

@@ -17,6 +17,7 @@ enum Function {
     Fold(fn(f64, f64) -> f64),
 }
 
+/// The functions by name; those of `libm` give the same bits on every platform.
 const FUNCTIONS: [(&str, Function); 30] = [
     ("sin", Function::Unary(libm::sin)),
     ("cos", Function::Unary(libm::cos)),
