@@ -14,7 +14,7 @@ use rayon::prelude::*;
 /// Without any solid the distance is `f64::INFINITY` everywhere, without any void `f64::NEG_INFINITY`.
 ///
 /// # Panics
-/// If the number of samples is not the product of the shape.
+/// If the number of samples is not the product of the shape, or that of the steps not the number of axes.
 ///
 /// ```
 /// # extern crate druse_cells as druse;

@@ -46,7 +46,7 @@ pub fn bounding_planes<const D: usize>(element: Element) -> Vec<BoundingPlane<D>
         .collect()
 }
 
-/// The equations of an element for a basis.
+/// The equations of an element for a basis. Normals within 1e-9 are equal.
 pub fn equations<const D: usize>(basis: &Basis<D>, element: Element) -> Constraint {
     let operators = basis.group().cartesian(basis.lattice());
     let mut chosen: Vec<BoundingPlane<D>> = Vec::new();

@@ -233,10 +233,9 @@ impl Source {
             placement,
         )?;
         source.points = placed;
-        // Points outside the element do not belong to its cell; the report has their share.
+        // Points outside the element do not belong to its cell; those on a face do.
         source
             .points
-            // Distances to the faces are negative inside; points on a face are kept.
             .retain(|p| element.face_distance(CellPoint(*p)) <= 0.0);
         source.report.points = count;
         source.report.share_inside = source.points.len() as f64 / count as f64;
@@ -281,7 +280,7 @@ impl Source {
     }
 
     /// Checks that the samples support frequencies up to `band_limit`.
-    /// A source that is not sampled supports all. The band limit is in cycles per reference length.
+    /// A source that is not sampled supports all. The band limit is in cycles per reference length; 1e9 stands for more.
     ///
     /// # Errors
     /// [`VoxelError::TooCoarse`] for fewer than 2 R + 1 samples per unit of length.

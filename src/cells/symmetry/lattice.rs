@@ -84,7 +84,7 @@ impl<const D: usize> Lattice<D> {
     /// The lattice spanned by these vectors.
     ///
     /// # Errors
-    /// [`SymmetryError::Flat`] unless the vectors are finite and linearly independent.
+    /// [`SymmetryError::Flat`] unless the vectors are finite and span more than 1e-9 of the cube on the longest component.
     pub fn new(vectors: [[f64; D]; D]) -> Result<Self, SymmetryError> {
         let columns = SMatrix::<f64, D, D>::from_fn(|i, j| vectors[j][i]);
         let volume = determinant(columns).abs();

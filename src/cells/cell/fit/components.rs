@@ -95,7 +95,7 @@ fn count_components(inside: &[Vec<bool>], flag_images: &[FlagImage], planar: boo
             for k in 0..=j {
                 let n = SimplexGrid::index([i, j, k]);
                 let second = if planar { j == 0 } else { j == k };
-                // The facets that the grid point lies on.
+                // The facets that the grid point lies on: a = b, b = c (in the plane b = 0), c = 0.
                 let on = [false, i == j, second, k == 0 && !planar];
                 for (own, m) in flag_images.iter().enumerate() {
                     for (facet, other) in m.neighbours.iter().enumerate() {

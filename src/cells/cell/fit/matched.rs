@@ -91,7 +91,6 @@ pub fn fit_matched(
         / cells.len() as f64;
     let mut rest = &real[..];
     let mut matched = Vec::new();
-    // The solution lists the coefficients of all cells one after the other.
     for ((cell, (element, basis)), (samples, interior)) in cells.iter().zip(&bases).zip(&samples) {
         let (own, tail) = rest.split_at(basis.len());
         rest = tail;

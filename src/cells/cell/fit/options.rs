@@ -85,7 +85,7 @@ pub struct FitOptions {
     /// face-normal cells, and 0 for samples over a period. A smaller weight fits the interior slightly better, but the
     /// gradient outside grows.
     pub regularisation: Option<f64>,
-    /// Minimal number of samples along an edge of the element's cube. Many unknowns increase it.
+    /// Minimal number of samples along an edge of the element's cube, at most 1024. Many unknowns increase it.
     pub samples: usize,
     /// Filter of the spectrum of a transform. With least squares over the element, any but `None` is an error.
     pub filter: Filter,

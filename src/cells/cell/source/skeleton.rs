@@ -146,7 +146,6 @@ impl Skeleton {
         let Some(normal) = area.try_normalize(1e-9 * size * size) else {
             return Err(none);
         };
-        // All corners lie in the plane through their mean.
         for (corner, c) in corners.iter().enumerate() {
             let off = (c - centre).dot(&normal).abs();
             if off > 1e-6 * size {

@@ -44,7 +44,7 @@ pub(super) struct Spectrum {
     pub sampled: Option<Arc<Products>>,
 }
 
-/// The permutation of the axes by an operator that only permutes and reverses axes.
+/// The permutation of the axes by an operator that only permutes and reverses axes, up to 1e-9; `None` for others.
 fn axis_permutation(q: &Mat3) -> Option<[usize; 3]> {
     let mut permutation = [0; 3];
     for (axis, to) in permutation.iter_mut().enumerate() {

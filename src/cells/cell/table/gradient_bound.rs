@@ -112,6 +112,7 @@ pub(super) fn gradient_bounds_over(
         Element::Ball => Element::Hex.faces(),
         other => other.faces(),
     };
+    // Cells that the element touches count despite rounding; an axis without extent has one.
     let cells = |a: usize| -> std::ops::Range<i64> {
         let lo = (around.min[a] * scale[a] - 1e-9).floor() as i64;
         let hi = ((around.max[a] * scale[a] + 1e-9).ceil() as i64).max(lo + 1);

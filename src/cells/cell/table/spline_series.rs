@@ -61,7 +61,8 @@ impl SplineSeries {
             surface,
         );
         // The rounding of a position moves the point by `position_error`, over which the value changes by the
-        // slope and the gradient by the curvature, at most twice the slope per sample distance.
+        // slope and the gradient by the curvature, at most twice the slope per sample distance. 1e-6 is for single
+        // precision.
         let scale = grid.per_unit().into_iter().fold(0.0, f64::max);
         let largest = f64::from(ranges.largest());
         let slope = f64::from(ranges.query([0; 3], grid.samples).max_slope);
