@@ -22,7 +22,7 @@ pub struct Extrusion {
     pub dihedral: Dihedral,
     /// One ratio per tier, in mean edge lengths of the base; empty means 1 for all.
     pub tiers: Vec<f64>,
-    /// Number of iterations; each extrudes the tops of the one before.
+    /// Number of iterations, 1 to 1000; each extrudes the tops of the one before.
     pub iterations: usize,
     /// Whether the top is made planar by moving its corners to their mean height.
     pub level: bool,

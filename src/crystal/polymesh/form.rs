@@ -304,7 +304,7 @@ impl Form {
             });
         };
         let group = generated(name, generators);
-        // An operator is a symmetry of the lattice if it keeps its metric.
+        // An operator is a symmetry of the lattice if it keeps its metric, up to rounding.
         let metric = lattice.transpose() * lattice;
         for operator in group.operators() {
             let m = operator_matrix(operator);
@@ -432,11 +432,11 @@ fn lattice_vectors(lengths: [f64; 3], angles: [f64; 3]) -> Option<Mat3> {
 /// The polyhedron of points with n.x <= d for all planes (n, d, group), all d > 0. Each corner belongs to the faces of
 /// all planes through it; tolerances are shares of the greatest distance.
 fn convex(planes: &[(Vec3, f64, u32)]) -> Result<PolyMesh, FormError> {
-    // Corners closer than ten times `close` are one corner, where more than three planes meet.
+    // Corners closer than ten times `close` are one, where more than three planes meet: each has their roundings.
     let size = planes.iter().map(|p| p.1).fold(0.0, f64::max);
     let close = 1e-9 * size;
     let mut points: Vec<Vec3> = Vec::new();
-    // Corners are the meetings of three planes that no other plane cuts off.
+    // Corners are the meetings of three planes that no other plane cuts off; coplanar normals have none.
     for i in 0..planes.len() {
         for j in i + 1..planes.len() {
             for k in j + 1..planes.len() {

@@ -100,6 +100,7 @@ const fn half(first: usize, offset: usize) -> Ring {
     }
 }
 
+/// The kinds, in the order of [`Kind`].
 #[rustfmt::skip]
 const TABLE: [Row; 7] = [
     Row { kind: Kind::Tetrahedral, name: "tetrahedral", corners: 3, cosine: (1.0, 9.0),
@@ -149,7 +150,6 @@ impl Kind {
         all
     };
 
-    // The table has the order of the enumeration.
     /// The properties of the kind.
     pub(super) fn row(self) -> &'static Row {
         &TABLE[self as usize]

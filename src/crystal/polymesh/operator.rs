@@ -416,7 +416,7 @@ fn snub(p: f64, delta: f64) -> Result<(f64, f64), String> {
         [(a - e).norm_squared() - edge, (a - d).norm_squared() - edge]
     };
     // Newton's method with a numerical Jacobian (its step near the root of the rounding error) from s = 1/2,
-    // theta = 1/4; the solutions for regular solids are near it.
+    // theta = 1/4; the solutions for regular solids are near it. 60 steps bound the time where there is none.
     let (mut s, mut theta) = (0.5, 0.25);
     for _ in 0..60 {
         let f = residual(s, theta);

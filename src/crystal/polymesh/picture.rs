@@ -81,7 +81,7 @@ impl PolyMesh {
             width * SAMPLES_PER_PIXEL_EDGE,
             height * SAMPLES_PER_PIXEL_EDGE,
         ];
-        // The projection fills the picture up to a margin; rows run downwards.
+        // The projection fills the picture up to a margin, unless it has no extent; rows run downwards.
         let fill = 1.0 - 2.0 * MARGIN_SHARE;
         let scale = (0..2)
             .map(|k| fill * fine[k] as f64 / (frame[k].1 - frame[k].0).max(1e-9 * radius))

@@ -1,4 +1,4 @@
-//! Schemes that put points on the edges only, and those that cut corners by them.
+//! Schemes that put points on the edges, some of them with further points in the faces that follow from these.
 //!
 //! The function of a scheme takes the old mesh and the values `p` of its parameters in the order of the table. V, E, F
 //! are the numbers of old vertices, edges and faces, with a prime those of the result. Corner c is the half-edge from

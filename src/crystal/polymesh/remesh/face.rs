@@ -1,4 +1,4 @@
-//! Schemes that put a point in every face: duals, stellations, quads about corners.
+//! Schemes that put a point in every face: duals, stellations, quads and pentagons at corners, pyramids on midpoints.
 //!
 //! The function of a scheme takes the old mesh and the values `p` of its parameters in the order of the table. V, E, F
 //! are the numbers of old vertices, edges and faces, with a prime those of the result. Corner c is the half-edge from

@@ -309,7 +309,7 @@ impl<'s, 'w> Arguments<'s, 'w> {
         if chosen.contains(&true) {
             return Ok(chosen);
         }
-        // An empty selection is nearly always a mistake: the groups in use help to find it.
+        // An empty selection is nearly always a mistake: the first groups in use help to find it.
         let groups: Vec<String> = mesh
             .group_counts()
             .keys()

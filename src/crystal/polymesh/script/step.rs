@@ -128,7 +128,7 @@ fn ngon(a: &mut Arguments) -> StepResult {
     made.map(Outcome::mesh).map_err(|e| a.fault(e.to_string()))
 }
 
-/// A list of N counts in the key `counts`; `default` if it is missing.
+/// A list of N counts below 1e9 in the key `counts`; `default` if it is missing.
 fn counts<const N: usize>(
     a: &mut Arguments,
     default: [usize; N],
