@@ -17,7 +17,7 @@ const UNUSED_LANE: u32 = u32::MAX;
 const MAX_STACK: usize = 256;
 /// Outward margin of a box in the local frame: covers the casts of box and query to `f32`.
 const BOX_MARGIN: f32 = 1.0 / (1 << 21) as f32;
-/// Relative slack of squared distances computed in `f32`: 32 roundings of 2^-24, where about ten occur.
+/// Relative slack of squared distances and of coordinates in `f32`: 32 roundings of 2^-24, where about ten occur.
 const DISTANCE_SLACK: f32 = 1.0 / (1 << 19) as f32;
 
 /// A node: the boxes of four children by lane, and the contents of each lane.
@@ -257,8 +257,7 @@ impl Bvh {
         while top > 0 {
             top -= 1;
             let node = &self.nodes[stack[top] as usize];
-            // A box meets the ray if it contains q across the axis and reaches ahead of it along the axis.
-            // The box of an unused lane is empty.
+            // A box meets the ray if it holds q across the axis and reaches ahead of it; an unused lane's is empty.
             let mut hit = [false; 4];
             for l in 0..4 {
                 let overlaps = node.lo[u][l] <= q[u]

@@ -48,7 +48,7 @@ pub fn collapsed(vertices: &[Vec3], triangles: &[[u32; 3]], goal: CollapseGoal) 
     let max_squared_error = goal.error.map_or(f64::INFINITY, |e| e * e);
     while surface.triangles.len() > goal.triangles {
         let before = surface.triangles.len();
-        // A collapse removes two triangles.
+        // A collapse removes two triangles: passes and shares of triangles count half as many collapses.
         let remaining = (before - goal.triangles).div_ceil(2);
         let made = surface.pass(remaining, max_squared_error);
         surface.remove_collapsed();

@@ -37,7 +37,7 @@ pub(crate) fn meeting_pairs(
 ) -> Result<Vec<[u32; 2]>, Cancelled> {
     let search = Search::of(soup);
     let count = soup.corners.len();
-    // Slots, not numbers, are chunked: neighbours in the tree are tested by one thread.
+    // Slots, not numbers, are chunked: neighbours in the tree are tested by one thread. A cancel ends the other chunks.
     let slots: Vec<usize> = (0..count).collect();
     let chunks = slots.par_chunks(4096).map(|slots| {
         if progress.cancelled() {

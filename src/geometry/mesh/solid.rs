@@ -130,6 +130,7 @@ impl MeshSolid {
             None => (winding_triangles, None, None),
         };
         let bounds = mesh.bounds();
+        // As far beside the surface as `contains` tests for cracks.
         let gap = buried
             .as_ref()
             .map_or(0.0, |(_, side_offset)| 2.0 * side_offset);

@@ -88,7 +88,7 @@ impl SolidAngle {
         let im = a.dot(&b.cross(&c));
         let re = la * lb * lc + a.dot(&b) * lc + b.dot(&c) * la + c.dot(&a) * lb;
         let size = re.abs() + im.abs();
-        // On a corner or a side the angle is undefined; it counts as zero.
+        // On a corner or a side the angle is undefined; it counts as zero, as where the products overflow.
         if size <= f64::MIN_POSITIVE || !size.is_finite() {
             return;
         }

@@ -148,7 +148,7 @@ fn touching_shells(
     soup: &Soup,
     tolerance: f64,
 ) -> Vec<bool> {
-    // The search ends at the first box of another shell.
+    // Only shells whose boxes meet those of others are searched, each triangle up to the first box of another shell.
     let touches_another = |t: &usize| {
         let shell = shells.of[*t];
         let region = Aabb::of(mesh.corners(*t)).dilated(tolerance);

@@ -105,7 +105,7 @@ impl Moment {
                 -3.0 * (self.second[(i, j)] + self.second[(j, i)])
             }
         });
-        // T symmetrised: the mean over the permutations; `third` is 2 T.
+        // T symmetrised: the mean of three permutations, as each matrix is symmetric; `third` is 2 T, hence 6.
         let whole = |i: usize, j: usize, k: usize| {
             let t = &self.third;
             (t[k][(i, j)] + t[i][(j, k)] + t[j][(k, i)]) / 6.0
@@ -260,7 +260,7 @@ fn leaf(triangles: impl Iterator<Item = [Vec3; 3]> + Clone) -> Moment {
         .map(|[a, b, c]| {
             let normal = (b - a).cross(&(c - a)) / 2.0;
             let centre = (a + b + c) / 3.0;
-            // The mean of e e over a triangle.
+            // The mean of e e over a triangle: a twelfth of the sum over its corners.
             let spread = [a, b, c].map(|v| (v - centre) * (v - centre).transpose());
             let spread = (spread[0] + spread[1] + spread[2]) / 12.0;
             let part = Moment {

@@ -229,8 +229,8 @@ impl Parser<'_> {
         let double = self.text[self.at..].starts_with(&['*', '*']);
         if double || self.peek() == Some('^') {
             self.at += 1 + usize::from(double);
-            // The square is by far the most frequent power.
             self.signed()?;
+            // The square is by far the most frequent power.
             self.push(Step::Binary(
                 |a, b| if b == 2.0 { a * a } else { libm::pow(a, b) },
             ))?;
