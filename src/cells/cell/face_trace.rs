@@ -123,7 +123,7 @@ fn traces(basis_index: usize, element: Element, basis: &Basis<3>) -> Vec<Trace> 
             .map(|v| vertices[v])
             .collect();
         let centre = corners.iter().sum::<Vec3>() / corners.len() as f64;
-        // The first axis is along an edge, the second points towards the other corners.
+        // The first axis is along an edge, which the two least corners share; the second points towards the others.
         let edge = corners[1] - corners[0];
         let along = edge.normalize();
         let across = face.normal.cross(&along);

@@ -479,8 +479,7 @@ fn function(cell: &Cell) -> Expression {
     cell.expression().shifted(centre)
 }
 
-/// The spectra of the leaves of an expression, from left to right.
-/// The order is that of every other walk over the leaves. The first failure is returned.
+/// The spectra of the leaves of an expression, from left to right as in every other walk, or the first failure.
 fn spectra(expression: &Expression) -> Result<Vec<Spectrum>, CellError> {
     let mut all = Vec::new();
     expression.value_with(&mut |leaf| {

@@ -87,8 +87,8 @@ impl<'a> ThicknessProbe<'a> {
         values.map(|v| solid.value(f64::from(v), level)).collect()
     }
 
-    /// The chords from points of the surface along the inward normals, each to a step; they end at `most` if they are
-    /// not shorter.
+    /// The chords from points of the surface along the inward normals, each down to the step in which it ends; they end
+    /// at `most` if they are not shorter.
     /// `most` is a length in reference units. A patch without a normal has a chord of the length `most`.
     fn chords_from(&self, patches: &[SurfacePatch], level: f64, most: f64) -> Vec<Chord> {
         let centres: Vec<_> = patches.iter().map(|p| p.centre).collect();
@@ -166,8 +166,7 @@ impl<'a> ThicknessProbe<'a> {
         }
     }
 
-    /// [`Self::thickness`] where it is less than `most`, which is returned otherwise.
-    /// `most` is positive.
+    /// [`Self::thickness`] where it is less than `most`, else `most`, or infinite without void. `most` is positive.
     fn thickness_within(&self, level: f64, most: f64) -> f64 {
         let solid = self.cell.solid;
         let chords = self.chords(level, most);
@@ -182,7 +181,7 @@ impl<'a> ThicknessProbe<'a> {
             let ends = chords.iter().map(|c| (c.ends[end], c.area));
             percentile(ends.collect(), 0.0, wanted).unwrap_or(most)
         };
-        // Only chords that may end there are measured to the end.
+        // The result lies between those of the lower and the upper ends: only chords that may end there are measured.
         let [least, greatest] = [0, 1].map(between);
         let shorter = chords.iter().filter(|c| c.ends[1] < least);
         let below = shorter.map(|c| c.area).sum();

@@ -43,7 +43,7 @@ const NAMED_LATTICES: [(&str, usize, [[f64; 3]; 3]); 7] = [
 /// operators also act as integer matrices.
 const ICOSAHEDRAL: &str = "icosahedral";
 
-/// The lattice vector of the given number: an axis and its conjugate, divided by 4.
+/// The lattice vector of a given number: an axis e and its conjugate e' over 4, dual to 2 (e, e'), as e.e + e'.e' = 2.
 fn icosahedral_vector(number: usize) -> [f64; 6] {
     let axis = |t: f64| {
         let all = [

@@ -155,7 +155,7 @@ impl<const D: usize> PointGroup<D> {
                 determinant: g.determinant(),
             });
         }
-        // In six dimensions only the icosahedral group is used, whose order is 120.
+        // In six dimensions only the icosahedral group is used, whose order is 120: 192 is a limit above it.
         let limit = MAX_ORDER.get(D).copied().unwrap_or(192);
         let infinite = || SymmetryError::Infinite {
             generators: generators

@@ -30,7 +30,7 @@ pub enum FitError {
         z: f64,
         /// Name of the element, such as "hex".
         element: &'static str,
-        /// The distance found there: NaN or infinite.
+        /// The distance found there, or the mean of its squares over the images: NaN or infinite.
         value: f64,
     },
     /// A source that leaves the element without solid, or without void.

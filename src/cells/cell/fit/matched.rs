@@ -26,8 +26,8 @@ const MAX_UNKNOWNS: usize = 4000;
 /// The result is in the order of the cells. Only the default group and lattice of each element are used.
 ///
 /// # Errors
-/// [`FitError::Cell`] for planar cells and the ball, cells whose solids are on different sides of the level, and a
-/// result without a surface; [`FitError::TooLarge`], [`FitError::Singular`], [`FitError::Cancelled`].
+/// [`FitError::Cell`] for planar cells and the ball, cells of different kinds of solid, and a result without a surface;
+/// [`FitError::TooLarge`], [`FitError::Singular`], [`FitError::Cancelled`].
 pub fn fit_matched(
     cells: &[Cell],
     options: &FitOptions,

@@ -37,7 +37,8 @@ fn project<const D: usize>(
         if radius.is_some_and(|r| lattice.frequency_norm(k) > r + 1e-9) {
             return None;
         }
-        // The spectrum is read last, since its values are far apart in memory.
+        // The spectrum is read last, since its values are far apart in memory. Odd indices change sign, as the first
+        // sample lies at -1/2.
         let mut sum = Complex64::default();
         for op in operators {
             let image = op.apply_to_frequency(k);

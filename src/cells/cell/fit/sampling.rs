@@ -226,8 +226,7 @@ pub(super) fn sample(
     info: &SourceInfo,
     progress: &dyn Progress,
 ) -> Result<(Vec<f64>, Quality), FitError> {
-    // Moments of the source over the images of each point; the first value that is not finite ends the fit,
-    // with its place.
+    // Moments of the source over the images of each point; a value that is not finite ends the fit, with its place.
     let moments: Vec<Moments> = quadrature_points
         .par_iter()
         .map(|(p, _)| {

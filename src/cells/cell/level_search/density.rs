@@ -41,6 +41,7 @@ impl Density {
             corners[step + 1][axis] += 1;
         }
         let values = &self.values[flag];
+        // Places of the grid are in half parts: the sum of two corners is the middle of their edge.
         let value_between = |i: usize, j: usize| {
             let place = std::array::from_fn(|a| corners[i][a] + corners[j][a]);
             values[SimplexGrid::index(place)]

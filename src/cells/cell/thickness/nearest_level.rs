@@ -92,7 +92,8 @@ impl<'a> LevelSearch<'a> {
         let mut bracket = self.bracket(target);
         // Chords longer than this are cut off, so that the thickness is known only as a lower bound there.
         let most = (MEASURED_EXCESS * target).min(MAX_CHORD);
-        // Secants converge fast where the thickness is continuous; bisections find the jump where it is not.
+        // Secants converge fast where the thickness is continuous and measured beyond the target; bisections find the
+        // jump where it is not.
         for step in 0..SECANT_STEPS + BISECTIONS {
             let level = if step < SECANT_STEPS && target < most {
                 bracket.secant()
