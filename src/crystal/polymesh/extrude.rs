@@ -259,7 +259,7 @@ impl Extrusion {
     }
 
     /// The cap of the kind without an operator. `delta` is the dihedral angle between the base and a side, in radians.
-    /// The top face, if any, comes first. The error is a reason without the number of the face.
+    /// The top face, if any, comes first; kinds have three tiers at most. The error is a reason without the face.
     pub(super) fn kind_cap(
         &self,
         base: &Polygon,
@@ -291,7 +291,8 @@ impl Extrusion {
             }
         };
         let mut faces = Vec::with_capacity(self.kind.counts(n).1);
-        // The top is made planar on request; else its deviation is recorded in its mean edges, if it has a normal.
+        // The top, a ring of consecutive points, is made planar on request; else its deviation is recorded in its mean
+        // edges, if it has a normal.
         if let Some(top) = row.top {
             let loops: Vec<u32> = (0..n as i32).map(|i| number(top, i)).collect();
             let places = loops[0] as usize - n;

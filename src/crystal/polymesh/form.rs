@@ -418,7 +418,7 @@ fn lattice_vectors(lengths: [f64; 3], angles: [f64; 3]) -> Option<Mat3> {
     let cosine = [0, 1, 2].map(|k| if angles[k] == 120.0 { -0.5 } else { cosine[k] });
     let sine = (1.0 - cosine[2] * cosine[2]).sqrt();
     let cy = (cosine[0] - cosine[1] * cosine[2]) / sine;
-    // The square of the height of c over its length.
+    // The square of the height of c over its length; up to 1e-12 it may be the rounding of a flat cell.
     let cz = 1.0 - cosine[1] * cosine[1] - cy * cy;
     if cz <= 1e-12 {
         return None;

@@ -1,4 +1,4 @@
-//! The table of extrusions: topology as data, positions as rules of tiers.
+//! The table of extrusions: topology as data, positions as rules of tiers; their operators, dihedral angles and names.
 //!
 //! New vertices form rings with one vertex per corner of the base; the tetrahedral apex is one vertex. A side
 //! face is a list of `(ring, shift)`: ring 0 is the base, and `shift` is added to the number of the corner.

@@ -135,7 +135,6 @@ impl PolyMesh {
                 let l = (b - a).norm();
                 lengths = (lengths.0.min(l), lengths.1.max(l));
             }
-            // The face farthest off its plane, with its number.
             let off = self.residual(f);
             if off > planarity.0 {
                 planarity = (off, f);

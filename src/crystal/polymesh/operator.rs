@@ -210,7 +210,7 @@ impl Rule {
         let mut points = Vec::with_capacity(count);
         let mut faces: Vec<Vec<u32>> = Vec::new();
         let loops = |f: usize| solid.faces().span(f);
-        // A half-edge c runs from corner x to corner y of face f; its twin belongs to the face beyond the
+        // A half-edge c runs from corner x to corner y of face f; its twin, from y to x, belongs to the face beyond the
         // edge. Faces of old faces come first.
         match self.operator {
             Operator::Truncate => {
@@ -225,6 +225,7 @@ impl Rule {
             }
             Operator::Rectify => {
                 for c in 0..count {
+                    // Both half-edges of an edge have its middle; faces take that of the first.
                     let (x, y) = ends(c);
                     points.push((x + y) / 2.0);
                 }

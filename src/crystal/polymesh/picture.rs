@@ -155,8 +155,7 @@ impl DepthBuffer {
         for row in span(1, self.rows) {
             for column in span(0, self.columns) {
                 let (x, y) = (column as f64 + 0.5, row as f64 + 0.5);
-                // Barycentric coordinates of the sample; a negative one is outside. Inverse depth is linear
-                // in the picture.
+                // Barycentric coordinates of the sample, negative outside. Inverse depth is linear in the picture.
                 let share =
                     [turn(b, c, x, y), turn(c, a, x, y), turn(a, b, x, y)].map(|t| t / whole);
                 if share.iter().any(|&s| s < 0.0) {

@@ -130,7 +130,7 @@ pub fn platonic(name: &str, edge: f64) -> Option<PolyMesh> {
             ],
             2f64.sqrt(),
         ),
-        // A cube and three rectangles, g^2 times as long as they are wide.
+        // A cube, the last axis fastest, and three rectangles, g^2 times as long as they are wide.
         "dodecahedron" => {
             let corner = |n: usize| [2, 1, 0].map(|a| signs(n)[a]);
             let mut p: Vec<[f64; 3]> = (0..8).map(corner).collect();
