@@ -254,6 +254,7 @@ impl TriMesh {
     /// volume of the whole. `point` is that common point; `None` takes the middle of the box.
     #[doc(hidden)]
     pub fn measures_about(&self, point: Option<Vec3>) -> MeshMeasures {
+        // Chunks of a fixed length: the sums do not depend on the number of threads.
         const CHUNK_TRIANGLES: usize = 1 << 14;
         let chunks = self.triangles.par_chunks(CHUNK_TRIANGLES);
         let bounds = self.bounds_in_parallel();

@@ -13,7 +13,7 @@ const MIN_EDGE_COSINE: f64 = -0.9;
 /// A distance field offset outwards by `by` (inwards if negative). With `half`, the solid is the wall within
 /// that distance of the offset surface. World units. Values are distances as far as those of `field` are.
 pub struct Offset<'a> {
-    /// Signed distances, valid up to a magnitude of `by` plus `half` plus the band.
+    /// Signed distances, valid up to the magnitude of `by` plus `half` plus the band.
     pub field: Box<WorldField<'a>>,
     /// Outward offset.
     pub by: f64,

@@ -248,12 +248,12 @@ pub fn check_with(
             });
         }
     }
-    // The middle of the first triangle of a pair is its place.
     if intersections {
         progress.stage("self-intersections", Some(mesh.triangles().len() as u64));
         let numbered: Vec<_> = merged.iter_corners().zip(0u32..).collect();
         let mut finding = Finding::default();
         for pair in meeting_pairs(&Soup::uncut(&numbered), progress)? {
+            // The middle of the first triangle of a pair is its place.
             let [a, b, c] = merged.corners(pair[0] as usize);
             finding.add(|| Defect {
                 at: (a + b + c) / 3.0,

@@ -167,7 +167,7 @@ struct Surface<'a> {
     /// The triangles about each vertex at the start of the pass.
     stars: Stars,
     quadrics: Vec<Quadric>,
-    /// Vertices that stay: those on edges that are not of two triangles of one orientation.
+    /// Vertices that stay: pinched, of triangles that repeat one, or on edges not of two triangles of one orientation.
     is_fixed: Vec<bool>,
 }
 

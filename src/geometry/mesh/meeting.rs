@@ -37,11 +37,10 @@ pub(crate) fn meeting_pairs(
 ) -> Result<Vec<[u32; 2]>, Cancelled> {
     let search = Search::of(soup);
     let count = soup.corners.len();
-    // Slots, not numbers, are chunked: neighbours in the tree are tested by one thread. A cancel ends the other chunks.
+    // Slots, not numbers, are chunked: neighbours in the tree are tested by one thread. A cancel empties later chunks.
     let slots: Vec<usize> = (0..count).collect();
     let chunks = slots.par_chunks(4096).map(|slots| {
         if progress.cancelled() {
-            // Chunks end at once; the error follows below.
             return Vec::new();
         }
         // Only later slots are searched, so that no pair comes twice.

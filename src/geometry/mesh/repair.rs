@@ -120,7 +120,7 @@ impl Oriented {
             |mesh: &TriMesh| -> NumberedTriangles { mesh.iter_corners().zip(0u32..).collect() };
         let mut soup = Soup::uncut(&numbered(&mesh));
         let shells = Shells::of(&merged, &sides);
-        // For speed only: nesting calls for winding numbers, unless a single shell lies in no other.
+        // For speed only: nesting takes winding numbers, but not of a single shell, which lies in no other.
         if shells.count > 1 {
             soup.cut();
         }

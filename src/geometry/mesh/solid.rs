@@ -295,7 +295,7 @@ impl MeshSolid {
         let strides = [1, nz, ny * nz];
         let blocks = self.regular_blocks(lattice, regular_sign.is_some());
         for n in 0..lattice.len() {
-            // The preceding neighbours, whose signs are known.
+            // The preceding neighbours along z, y and x, whose signs are known.
             let index = [n % nz, n / nz % ny, n / (ny * nz)];
             let neighbours = (0..3).filter(|&a| index[a] > 0).map(|a| n - strides[a]);
             let d = distances[n];
