@@ -24,12 +24,12 @@ pub enum CellError {
         /// What is wrong.
         reason: String,
     },
-    /// A group or lattice that is not compatible with the element.
+    /// A group, a lattice or an option of a fit that is not compatible with the element.
     #[error("a {element} cell cannot have {what} {found:?}; expected {expected}")]
     Unfitting {
         /// The element.
         element: &'static str,
-        /// "dimension", "group" or "lattice".
+        /// "dimension", "group", "lattice" or the option.
         what: &'static str,
         /// What was given.
         found: String,

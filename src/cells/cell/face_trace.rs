@@ -19,7 +19,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// imaginary rows on the real orthonormal coefficients.
 type Waves = BTreeMap<ProjectionKey<2>, (Vector2<f64>, [DVector<f64>; 2])>;
 
-/// The trace of a basis on one kind of face.
+/// The trace of a basis, given by its number, on one kind of face, given by its number of corners.
 struct Trace {
     basis_index: usize,
     corners: usize,

@@ -205,7 +205,7 @@ fn fit_period(
 /// In cycles per unit of reference length.
 ///
 /// # Errors
-/// [`CellError::Unfitting`] for a lattice or group of another element.
+/// [`CellError::Unfitting`] for a lattice, group or option of another element, and the errors of an invalid group.
 pub fn band_of_samples(element: Element, options: &FitOptions, n: usize) -> Result<f64, CellError> {
     if element == Element::Ball {
         options.check_ball()?;

@@ -283,7 +283,7 @@ impl Source {
     /// A source that is not sampled supports all. The band limit is in cycles per reference length; 1e9 stands for more.
     ///
     /// # Errors
-    /// [`VoxelError::TooCoarse`] for fewer than 2 R + 1 samples per unit of length.
+    /// [`VoxelError::TooCoarse`] for fewer than 2 R + 1 samples per unit of length, with the band limit R rounded down.
     pub fn check_resolution(&self, band_limit: f64) -> Result<(), VoxelError> {
         let Some(samples) = self.resolution else {
             return Ok(());

@@ -318,7 +318,7 @@ impl Surface {
 /// `terms` are an index and (re, im). The level is 0 and the solid below it.
 ///
 /// # Errors
-/// [`CellError`] for an unknown group.
+/// [`CellError`] for a group that is unknown or unfit for the element, or terms that are no function of the group.
 #[doc(hidden)]
 pub fn of_terms(
     name: &str,

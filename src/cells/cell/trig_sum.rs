@@ -49,7 +49,7 @@ pub(super) const AXES: usize = 6;
 /// All axes but the last.
 const LEADING_AXES: usize = AXES - 1;
 
-/// A run of consecutive indices along the last axis: (leading.., from..from + len).
+/// A run of consecutive indices along the last axis: (leading.., from..from + len), with coefficients from `start` on.
 struct Run {
     leading: [i32; LEADING_AXES],
     from: i32,

@@ -107,7 +107,7 @@ impl Skeleton {
     /// Both are in source coordinates. The number in an error counts the struts from 0; a zero segment makes a ball.
     ///
     /// # Errors
-    /// [`SkeletonError`] for corners that are not finite, or a radius that is not positive.
+    /// [`SkeletonError`] for corners or a radius not below 1e18, or a radius that is not positive.
     pub fn strut(&mut self, ends: [Vec3; 2], radius: f64) -> Result<(), SkeletonError> {
         check_part("edge", self.struts.len(), &ends, radius)?;
         self.struts.push((ends, radius));
@@ -119,8 +119,8 @@ impl Skeleton {
     /// from the corners' mean: 1e-6 for flatness, 1e-9 of its square for area and convexity.
     ///
     /// # Errors
-    /// [`SkeletonError`] for corners that are not finite or span no flat convex polygon, or a radius
-    /// that is not positive.
+    /// [`SkeletonError`] for corners that are not below 1e18 or span no flat convex polygon, or a radius
+    /// that is not positive or not below 1e18.
     pub fn plate(&mut self, corners: Vec<Vec3>, radius: f64) -> Result<(), SkeletonError> {
         let number = self.plates.len();
         check_part("face", number, &corners, radius)?;
