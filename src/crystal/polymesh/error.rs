@@ -73,7 +73,7 @@ pub enum PolyError {
     /// A vertex of no face.
     #[error("vertex {0} belongs to no face; expected every vertex in use")]
     Unused(u32),
-    /// A coordinate that is infinite or not a number.
+    /// A coordinate that is infinite, not a number or too large (1e18).
     #[error("vertex {vertex} has the coordinate {value}; expected a finite number")]
     NotFinite {
         /// The vertex.
@@ -156,7 +156,7 @@ pub enum ExtrudeError {
     /// The result is not a valid mesh.
     #[error("the result is not a valid mesh: {0}")]
     Result(#[from] PolyError),
-    /// No face is in the group.
+    /// No face is chosen.
     #[error("no face is selected")]
     Nothing,
 }

@@ -102,14 +102,14 @@ pub enum RemeshError {
         /// Its range.
         range: OpenRange,
     },
-    /// A number of group numbers that is not the number of classes.
+    /// Group numbers that are 0 or not one per class.
     #[error("{scheme} makes {expected} classes of faces; found {found} group numbers")]
     Classes {
         /// The scheme.
         scheme: String,
         /// Number of classes.
         expected: usize,
-        /// Number of group numbers found.
+        /// Number of group numbers other than 0 that were found.
         found: usize,
     },
     /// A face without a parent face.
@@ -230,8 +230,8 @@ impl Remesh {
     /// The new mesh.
     ///
     /// # Errors
-    /// [`RemeshError`]: a result that is too large, faces without a parent where the grouping needs one, or a
-    /// result that is not a manifold, such as the dual of a two-sided polygon.
+    /// [`RemeshError`]: a result that is too large, group numbers that are 0 or not one per class, faces without a
+    /// parent where the grouping needs one, or a result that is not a manifold, as the dual of a two-sided polygon.
     pub fn of(&self, mesh: &PolyMesh) -> Result<PolyMesh, RemeshError> {
         let corners = mesh.corner_count() as u64 * self.growth();
         if corners > MAX_CORNERS {

@@ -21,7 +21,7 @@ const MAX_CORNERS: usize = 1 << 24;
 /// Why a seed cannot be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SeedError {
-    /// A length that is not positive.
+    /// A length that is not positive or not finite.
     #[error("{name} = {value}; expected a finite number more than 0")]
     Length {
         /// Which one.
