@@ -156,7 +156,7 @@ fn split_in_four(primitives: &mut [Primitive], depth: usize) -> Vec<usize> {
 }
 
 /// Partitions a range in two by the least surface-area cost over bins; returns the first part's length. `depth` counts
-/// the halvings above. Deep ranges, small ones and those with one common centre are split at the median.
+/// the halvings above. Deep ranges, small ones and those with one common centre split at the longest axis's median.
 fn split(primitives: &mut [Primitive], depth: usize) -> usize {
     let n = primitives.len();
     // Bins divide the range of the centres, not of the boxes: no bin at an end is empty.
@@ -212,7 +212,6 @@ fn split(primitives: &mut [Primitive], depth: usize) -> usize {
         }
         return mid;
     }
-    // Too few, all in one place, or too deep: split at the median of the longest axis.
     primitives.select_nth_unstable_by(n / 2, |p, q| {
         p.double_centre(longest)
             .total_cmp(&q.double_centre(longest))
