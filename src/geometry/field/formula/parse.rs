@@ -57,7 +57,7 @@ const FUNCTIONS: [(&str, Function); 30] = [
     ("clamp", Function::Ternary(|x, lo, hi| x.max(lo).min(hi))),
     ("min", Function::Fold(f64::min)),
     ("max", Function::Fold(f64::max)),
-    ("hypot", Function::Fold(f64::hypot)),
+    ("hypot", Function::Fold(libm::hypot)),
 ];
 
 const CONSTANTS: [(&str, f64); 3] = [
