@@ -1,12 +1,12 @@
-//! From a target to a cell: coefficients that maximise a property or meet a stiffness at a volume fraction.
+//! From a target to a cell: coefficients that maximise a property or meet ratios or a stiffness at a volume fraction.
 //!
 //! A [`Design`] names the element, the band, the volume fraction and a [`Target`]. The unknowns are the real
 //! coefficients of the symmetric series, or those that keep the trace on the faces. Shares of solid come from
 //! the series with a smooth interface; load cases give effective properties and, since the operators are their
 //! own adjoints, the gradient; the level gives the volume fraction at every step and is part of the gradient.
 //! L-BFGS of argmin makes the steps. Stages go from wide interfaces on a coarse grid to narrow ones on a finer
-//! grid, with several starts at first. Final figures are those of voxels that are wholly solid or void, on two
-//! grids; solid and void must be connected.
+//! grid, with several starts at first. Final figures are those of voxels that are wholly solid or void, on two grids:
+//! what goals and constraints miss there corrects the objective, and solid and void must be connected.
 //!
 //! ```
 //! # mod druse { pub use druse_effective::*; pub use druse_geometry::*; }
@@ -63,7 +63,7 @@ pub enum InverseError {
         "found a target for a {0}; expected a hex, or a tet, which repeats twelve at a time in a cube"
     )]
     Element(&'static str),
-    /// A number of the target that no cell can have.
+    /// A number of the target that no cell can have, or an option out of its range.
     #[error("found {what} {found}; expected {expected}")]
     Target {
         /// Which number.

@@ -2,7 +2,7 @@
 //!
 //! In space: Hashin and Shtrikman 1963. In the plane (fibres along z, plane strain): Hashin 1965, with the
 //! plane bulk modulus lambda + mu. Bounds hold for any isotropic medium, those of bulk modulus and
-//! conductivity for cubic ones too, those of shear modulus for the shear moduli' means over directions.
+//! conductivity for cubic ones too, those of shear modulus for the means of shear moduli over directions.
 
 use super::Isotropic;
 

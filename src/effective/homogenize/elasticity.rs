@@ -75,7 +75,7 @@ impl<'a> Elasticity<'a> {
     /// Bytes for each voxel that a solution takes; `keeps`: whether the displacements of all load cases are kept.
     pub fn bytes_per_voxel(keeps: bool) -> u64 {
         let fields = if keeps { 6 } else { 1 };
-        // Shares, displacements, residual, product, direction (single precision), two buffers of transforms.
+        // Shares, displacements, residual, product, direction (single precision), transforms; 1 for all else.
         8 + 24 * fields + 24 + 24 + 12 + Spectral::<3>::BYTES_PER_VOXEL + 1
     }
 

@@ -41,7 +41,7 @@ impl Grid {
         Self::new([n; 3], [1.0; 3])
     }
 
-    /// The unit square in `n`^2 voxels.
+    /// The unit square in `n`^2 voxels, one voxel of height 1 along z.
     ///
     /// # Errors
     /// As [`Grid::new`].

@@ -10,7 +10,7 @@
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 
-/// Radii below this many node distances may be a wall that lies between two nodes; they count as 0.
+/// Radii below this many node distances, sqrt(3)/2, may be a wall that lies between two nodes; they count as 0.
 const MIN_RESOLVED: f64 = 0.87;
 
 /// The way through a void.

@@ -97,7 +97,7 @@ pub struct Properties {
     pub plane_stress: Option<[[f64; 3]; 3]>,
     /// Effective conductivity.
     pub conductivity: Option<[[f64; 3]; 3]>,
-    /// Permeability of the void, reference length squared.
+    /// Permeability of the void, reference length squared; `None` without void too.
     pub permeability: Option<[[f64; 3]; 3]>,
     /// Hashin-Shtrikman bounds at this volume fraction.
     pub bounds: Bounds,
@@ -107,9 +107,9 @@ pub struct Properties {
     pub solid: Connectivity,
     /// Connectivity of the void.
     pub void: Connectivity,
-    /// Load cases solved for the stiffness.
+    /// Load cases solved for the stiffness, without those of plane stress.
     pub load_cases: usize,
-    /// Greatest number of iterations: stiffness, conductivity, permeability.
+    /// Greatest number of iterations of these, of conductivity, of permeability.
     pub iterations: [usize; 3],
 }
 
@@ -138,7 +138,8 @@ pub fn bytes_per_voxel(settings: &Settings, keeps: bool) -> u64 {
 /// Effective properties of a grid of shares.
 ///
 /// # Errors
-/// [`HomogenizeError`]: an invalid material or grid, iterations that do not converge, or cancellation.
+/// [`HomogenizeError`]: an invalid material or grid, a permeability without solid voxels, iterations that do not
+/// converge, or cancellation.
 pub fn properties(
     grid: Grid,
     shares: &[f64],
@@ -220,7 +221,6 @@ pub fn properties_from(
         found.load_cases = loads.len();
         found.iterations[0] = solved.iterations.into_iter().max().unwrap_or(0);
         found.stiffness = Some(c);
-        // A singular stiffness has no constants; that is no error.
         found.engineering = engineering(&c);
         if let Some(start) = &mut start {
             start.displacements = solved.displacements;
@@ -231,7 +231,7 @@ pub fn properties_from(
         }
     }
     if settings.conductivity {
-        // The same for the gradient along each axis.
+        // A cubic medium needs one gradient, others one along each axis.
         let [solid, void] = conductivities;
         let mut medium = Conduction::new(grid, shares, solid, void, settings.scheme)?;
         let loads: &[usize] = if is_cubic { &[0] } else { &[0, 1, 2] };

@@ -1,4 +1,4 @@
-//! The gradient on a grid: Willot's rotated scheme, and its transpose.
+//! The gradient on a grid: Willot's rotated scheme, its transpose, frequencies of both schemes, the Green operator.
 //!
 //! Displacements stand at the corners of voxels, gradients at their centres: the difference of the means of
 //! opposite sides. That is a hexahedral element with one integration point, in Fourier space the frequency
@@ -279,7 +279,7 @@ impl Frequencies {
                 (0..counts[a]).map(value).collect()
             }),
             others: std::array::from_fn(|a| {
-                // At Nyquist the means over opposite corners vanish.
+                // At Nyquist the means over opposite corners vanish; the cosine of pi/2 has a rounding error.
                 let value = |k: usize| {
                     if 2 * k == counts[a] {
                         0.0

@@ -37,7 +37,7 @@ pub struct Stokes {
     spectral: Spectral<3>,
     /// Squares of the frequencies along each axis.
     squares: [Vec<f64>; 3],
-    /// Smallest positive square.
+    /// Least square at frequency 1 of an axis; 1 where all axes have one voxel.
     least: f64,
     /// Drag of each voxel, per reference length squared; empty where walls stop the flow.
     drag: Vec<f64>,
@@ -106,7 +106,7 @@ impl Stokes {
             };
             (0..counts[a]).map(value).collect::<Vec<f64>>()
         });
-        // The frequency 0 has no inverse; the preconditioner gives it this least positive eigenvalue.
+        // Frequency 0 has no inverse; the preconditioner gives it this eigenvalue, about the least positive one.
         let least = squares
             .iter()
             .filter_map(|s| s.get(1).copied())
@@ -185,7 +185,7 @@ impl Stokes {
         Ok((mean, by_drag.collect()))
     }
 
-    /// Bytes for each voxel that a solution takes.
+    /// Bytes for each voxel that a solution without drag takes: six fields of MINRES, transforms, flags and ghosts.
     pub const BYTES_PER_VOXEL: u64 =
         6 * 8 * FIELD_COUNT as u64 + Spectral::<3>::BYTES_PER_VOXEL + 3;
 

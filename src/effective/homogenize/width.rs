@@ -22,7 +22,8 @@ const SLACK: f64 = 0.5;
 const NARROW_SHARE: f64 = 0.01;
 /// Points of the wall that are measured, about.
 const MAX_POINTS: usize = 4000;
-/// A ball lies in one beside it if their radii differ by this share of the distance of their centres.
+/// A ball counts as inside one beside it if their radii differ by this share of the distance of their centres: exactly
+/// it would be 1, the rest is for errors of distances.
 const CONTAINED: f64 = 0.9;
 
 /// An inscribed ball, in node distances.
@@ -45,7 +46,7 @@ struct Waiting {
     points: Vec<[f64; 3]>,
     /// Number of points that may be left.
     allowed: usize,
-    /// Diameter of the last ball that was needed.
+    /// Diameter of the last ball that was needed, node distances.
     least: f64,
 }
 

@@ -34,7 +34,7 @@ pub struct Share {
 }
 
 /// The share of solid at a point where the field has a value; `width` is half the width of the interface, in
-/// the unit of the field. The solid lies below the level, or is the sheet where |field| < level.
+/// the unit of the field. The solid of a design lies below the level, or is the sheet where |field| < level.
 pub fn share(solid: Solid, level: f64, field: f64, width: f64) -> Share {
     let (below, slope) = smooth_step((level - field) / width);
     let slope = slope / width;
@@ -42,6 +42,7 @@ pub fn share(solid: Solid, level: f64, field: f64, width: f64) -> Share {
         Solid::Sheet | Solid::Channels => {
             let (above, other) = smooth_step((level + field) / width);
             let other = other / width;
+            // Both interfaces overlap in a sheet thinner than they are, and their sum falls below that of no solid.
             if below + above <= 1.0 {
                 return Share::default();
             }

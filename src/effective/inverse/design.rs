@@ -99,7 +99,7 @@ pub struct Design {
     pub starts: usize,
     /// Seed of random coefficients.
     pub seed: u64,
-    /// Evaluations of the objective for each start that reaches the last stage.
+    /// Evaluations of the objective in all stages for each start that reaches the last one; corrections have more.
     pub evaluations: usize,
     /// The stages.
     pub stages: Vec<Stage>,
@@ -161,8 +161,8 @@ impl Design {
     /// Checks a design.
     ///
     /// # Errors
-    /// [`InverseError`]: an element without a period, a target beyond its bounds, a band beyond the grid's Nyquist
-    /// frequency, efforts out of range.
+    /// [`InverseError`]: an element without a period, a solid or group that designs do not have, a target beyond its
+    /// bounds, a band beyond the grid's Nyquist frequency, efforts or lengths out of range.
     pub fn prepare(self) -> Result<Prepared, InverseError> {
         if !matches!(self.element, Element::Hex | Element::Tet) {
             return Err(InverseError::Element(self.element.name()));
@@ -286,7 +286,7 @@ impl Prepared {
         Ok(self.space(&sampled)?.unknowns_count())
     }
 
-    /// Evaluations of the objective that a search makes at most.
+    /// Evaluations of the objective that the stages make at most; corrections and known sheets come on top.
     pub fn max_evaluations(&self) -> u64 {
         let each = (0..self.design.stages.len()).map(|stage| self.stage_evaluations(stage));
         let kept = (0..self.design.stages.len()).map(|stage| candidates(self.design.starts, stage));
@@ -324,7 +324,7 @@ impl Prepared {
     }
 }
 
-/// How many starts a stage has.
+/// How many starts a stage has: half of those before it, but two where there are so many.
 pub(super) fn candidates(starts: usize, stage: usize) -> usize {
     (starts >> stage).max(1).max(starts.min(2))
 }

@@ -24,7 +24,8 @@ const SOLID_DRAG: f64 = 1e4;
 /// Residual at which the flow is known well enough.
 const FLOW_TOLERANCE: f64 = 1e-4;
 
-/// A two-phase medium on a grid, with the solutions that later ones start from.
+/// A two-phase medium on a grid, with the solutions that later ones start from: `displacements` by load case, of a
+/// cubic medium by mode.
 pub struct Medium {
     grid: Grid,
     solid: Isotropic,

@@ -13,13 +13,13 @@ use std::cell::RefCell;
 
 /// Steps that the quasi-Newton matrix is made of.
 const MEMORY_STEPS: usize = 10;
-/// The longest step of the line search, in search directions.
+/// The longest step of the line search, in search directions; the shortest is 1e-6.
 const MAX_STEP: f64 = 8.0;
 /// Change of the cost at which the optimiser stops.
 const COST_TOLERANCE: f64 = 1e-6;
-/// Gain of a run below which the optimiser is not started again.
+/// Gain of a run, in cost, at or below which the optimiser is not started again.
 const RESTART_GAIN: f64 = 1e-3;
-/// Cost of a point where nothing can be evaluated.
+/// Cost of a point where nothing can be evaluated: far above all costs, which are of the order of 1.
 const REFUSED_COST: f64 = 1e6;
 
 /// What an optimisation found.

@@ -18,15 +18,15 @@ use druse_geometry::progress::Progress;
 /// Most steps of the search for the level.
 const MAX_LEVEL_STEPS: usize = 100;
 
-/// Factor between brackets of a matched cell's level.
+/// Factor between tried brackets of a matched cell's level.
 const BRACKET_GROWTH: f64 = 1.4;
-/// The greatest level of a matched cell, over the greatest value of its field.
+/// The greatest level of a matched cell, over the greatest value of its field and half the interface.
 const MAX_MATCHED_LEVEL: f64 = 10.0;
 
 /// How shares become moduli in one stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interface {
-    /// Half the width of the interface, reference lengths.
+    /// Half the width of the interface, periods.
     pub width: f64,
     /// The power of the share of solid that multiplies the moduli.
     pub power: f64,
@@ -46,8 +46,8 @@ pub struct Problem<'a> {
     pub fraction: f64,
     /// How shares become moduli.
     pub interface: Interface,
-    /// Distances by which the surface is moved into the solid before it is evaluated: 0, or half the least
-    /// feature both ways.
+    /// Distances, in periods, by which the surface is moved into the solid before it is evaluated: 0, or about half
+    /// the least feature both ways.
     pub erosions: Vec<f64>,
     /// Where no solid may be.
     pub tube: Option<Tube>,
@@ -70,7 +70,6 @@ pub struct Evaluation {
     pub is_connected: bool,
 }
 
-/// A normalised field with its level.
 struct Shape {
     coefficients: Vec<f64>,
     slope: f64,
@@ -129,7 +128,7 @@ impl Problem<'_> {
             }
             if is_full { (-step, 0.0) } else { (0.0, step) }
         } else if self.solid.is_symmetric() {
-            // Half the thickness of a sheet; a network's level is anywhere among the values.
+            // Half the thickness of a sheet; a network may have any level among the values. At +-reach one phase is all.
             (0.0, reach)
         } else {
             (-reach, reach)
@@ -144,6 +143,7 @@ impl Problem<'_> {
             } else {
                 high = level;
             }
+            // A rate of 0 gives no number inside the bracket: it is halved.
             let newton = level - (found - self.fraction) / rate;
             let next = if newton > low && newton < high {
                 newton
@@ -193,8 +193,8 @@ impl Problem<'_> {
         }
     }
 
-    /// The objective and its gradient; `None` where no level gives the volume fraction or the stiffness is
-    /// singular.
+    /// The objective and its gradient; `None` where no level gives the volume fraction or the cost is not finite, as of
+    /// a singular stiffness. `media` are one for each erosion.
     ///
     /// # Errors
     /// [`InverseError`]: iterations that do not converge, or the user stopped it.
@@ -291,8 +291,8 @@ impl Problem<'_> {
     }
 }
 
-/// Whether the solid is one component that continues along all axes, and so is the void: of a sheet each side
-/// of it. The reason if not.
+/// Whether the solid, where shares are 1/2 or more, is one component that continues along all axes, and so is the void,
+/// of a sheet on each side of it by the sign of `field`. The reason if not.
 pub fn is_connected(grid: Grid, solid: Solid, shares: &[f64], field: &[f64]) -> Result<(), String> {
     let check = |what: &str, found: Connectivity| {
         if found.components == 1 && found.percolates == [true; 3] {

@@ -1,15 +1,15 @@
-//! From coefficients to a cell with the exact volume fraction.
+//! From coefficients to a cell with the volume fraction of the design.
 
 use super::InverseError;
 use super::design::Prepared;
 use super::space::Space;
 use druse_cells::cell::{Cell, Series};
 
-/// First step of the search for a matched cell's level, reference lengths.
+/// First step of the search for a matched cell's level, periods.
 const FIRST_STEP: f64 = 1e-3;
 /// Most steps of it.
 const MAX_SECANT_STEPS: usize = 30;
-/// Difference of volume fractions at which it ends.
+/// Difference of volume fractions at which it ends; beyond the most steps the last level is taken as it is.
 const FRACTION_TOLERANCE: f64 = 1e-7;
 
 impl Prepared {
@@ -25,6 +25,7 @@ impl Prepared {
             return self.matched_cell(coefficients, level, space);
         }
         let cell = self.cell_of(coefficients)?;
+        // A sheet of level 0 or less is refused, and the level is found anew.
         let guess = if design.solid.is_symmetric() {
             level.max(f64::MIN_POSITIVE)
         } else {

@@ -21,7 +21,7 @@ pub struct SampledBasis {
     points: Vec<CellPoint<3>>,
     /// Values of every function at one point of each orbit, point by point.
     values: Vec<f64>,
-    /// Mean square slope of each function over the period, per reference length of the period.
+    /// Mean square slope of each function over the period, whose length is the unit.
     slopes: Vec<f64>,
     is_cubic: bool,
     element: Element,
@@ -66,7 +66,7 @@ impl SampledBasis {
     ///
     /// # Errors
     /// [`InverseError::Element`] for other elements, [`InverseError::Band`] where the band goes beyond the
-    /// grid's Nyquist frequency.
+    /// grid's Nyquist frequency, and those of a grid that is too large.
     pub fn new(element: Element, basis: &Basis<3>, n: usize) -> Result<Self, InverseError> {
         if !matches!(element, Element::Hex | Element::Tet) {
             return Err(InverseError::Element(element.name()));
@@ -86,7 +86,7 @@ impl SampledBasis {
         }
         let grid = Grid::cube(n)?;
         let operators = operators(element, basis);
-        // Twice the place of a voxel, an odd number.
+        // Twice the place of a voxel's middle from that of the period, in voxels: an integer.
         let place = |v: usize| [v / (n * n), v / n % n, v % n].map(|j| 2 * j as i64 + 1 - n as i64);
         let number = |p: [i64; 3]| {
             let [i, j, k] = p.map(|c| ((c + n as i64 - 1) / 2) as usize);
@@ -150,7 +150,7 @@ impl SampledBasis {
         self.slopes.len()
     }
 
-    /// Number of voxels of each orbit.
+    /// Number of voxels of each orbit, as floats for means.
     pub fn counts(&self) -> &[f64] {
         &self.counts
     }

@@ -1,7 +1,8 @@
 //! Several starts in parallel, from a coarse grid with wide interfaces to a finer one with narrow ones.
 //!
-//! After each stage the better half of the starts goes on. Starts are independent and the sums of each are in
-//! a fixed order, so that the result does not depend on the number of threads.
+//! After each stage the better half of the starts goes on, two at least. Corrections then move goals and barriers by
+//! what sharp voxels miss. Of these and of known sheets the best connected cell that meets all constraints is taken.
+//! Starts are independent, their sums in a fixed order: the result does not depend on the number of threads.
 
 use super::InverseError;
 use super::design::{Prepared, StartChoice, candidates};
@@ -22,17 +23,16 @@ use rayon::prelude::*;
 
 /// Residual of the solver in a search; a stiffness errs by its square.
 const SEARCH_RESIDUAL: f64 = 1e-4;
-/// Corrections of the goals of a target with ratios or a stiffness.
+/// Corrections of the goals of a target with ratios or a stiffness; with constraints the least number.
 const CORRECTIONS: usize = 2;
 /// Corrections of a target with constraints, at most.
 const CONSTRAINED_CORRECTIONS: usize = 4;
-/// Opening that a correction aims at, over the least one.
+/// Opening that the first barrier and a correction aim at, over the least one.
 const OPENING_MARGIN: f64 = 1.005;
 /// The least and the greatest radius of the barrier, over the least opening.
 const BARRIER_RADII: [f64; 2] = [0.95, 1.5];
 /// The greatest distance of the surface's moves, over half the least feature.
 const MAX_EROSION: f64 = 2.0;
-/// The key of the least width in messages.
 const FEATURE_KEY: &str = "min_feature";
 /// Part of the last stage's evaluations that each correction has.
 const CORRECTION_SHARE: f64 = 0.4;
@@ -70,10 +70,12 @@ pub struct Designed {
 }
 
 impl Prepared {
-    /// The starts of the design.
+    /// The starts of the design. A matched one, whose cell keeps the trace of networks on the faces, starts from the
+    /// first of them unless another start is named.
     fn starts(&self, sampled: &SampledBasis) -> Result<Vec<Start>, InverseError> {
         let (design, basis) = (&self.design, &self.basis);
         let seeds = |count: usize| (0..count as u64).map(|n| design.seed.wrapping_add(n));
+        // The start as it is, then ones near it.
         let near = |first: Start| {
             let mut all = vec![first];
             for seed in seeds(design.starts - 1) {
@@ -84,6 +86,7 @@ impl Prepared {
         };
         match &design.start {
             StartChoice::Several if !design.matched.is_empty() => {
+                // The whole field minus its level, as the space's origin; `of_cell` may take a part, without level.
                 let cell = &design.matched[0];
                 let own = space::coefficients_of(design.element, basis, sampled, cell)?;
                 Ok(near(Start {
@@ -113,7 +116,7 @@ impl Prepared {
         self.design.min_feature.is_some() || self.design.target.is_constrained()
     }
 
-    /// Figures of a cell, with its least widths where one is wanted.
+    /// Figures of a cell on `n` sharp voxels along the period, with its least widths where one is wanted.
     fn figures(
         &self,
         cell: &Cell,
@@ -149,7 +152,7 @@ impl Prepared {
         objective: &'a Objective,
     ) -> Problem<'a> {
         let own = &self.design.stages[stage];
-        // Distances are those of the period; a tet of it is smaller than the reference element.
+        // Distances are those of the period, whose tets are narrower than the reference one by 1 / sqrt(2) or 1/2.
         let scale = self.design.element.edge();
         let half = self.design.min_feature.map(|d| 0.5 * d / scale);
         Problem {
@@ -280,8 +283,9 @@ impl Prepared {
     /// Searches, from the cell of an earlier search if there is one.
     ///
     /// # Errors
-    /// [`InverseError::Disconnected`] where no start led to a connected cell, [`InverseError::Start`], and those of
-    /// the solver. A user's stop is an error only before the first connected cell.
+    /// [`InverseError::Disconnected`] where no start led to a connected cell, [`InverseError::Infeasible`] where none
+    /// meets the constraints, [`InverseError::Start`], [`InverseError::Conflict`] of matched cells, and those of the
+    /// solver. A user's stop is an error only before the first connected cell.
     pub fn search(
         &self,
         earlier: Option<&Cell>,
@@ -384,6 +388,7 @@ impl Prepared {
                     any: found.any.map(|a| a.1),
                     earlier: Vec::new(),
                     objective: self.objective.clone(),
+                    // Unused: corrections are over when these join.
                     barrier: 1.0,
                     erosion: 1.0,
                 }
@@ -391,8 +396,8 @@ impl Prepared {
         evaluated.collect()
     }
 
-    /// Moves the goals of ratios and of a stiffness by what sharp voxels miss them by, and continues; whether the
-    /// user stopped it.
+    /// Moves goals, bounds of the permeability, barrier and erosion by what sharp voxels miss, and continues; whether
+    /// the user stopped it.
     fn correct(
         &self,
         all: &mut [Candidate],
@@ -450,7 +455,8 @@ impl Prepared {
         Ok(false)
     }
 
-    /// The connected candidate with the least objective on the finer grid, or, stopped, by its last evaluation.
+    /// The connected candidate with the least objective on the finer grid of those that meet all constraints; stopped,
+    /// the connected one with the least objective of its last evaluation.
     fn finish(
         &self,
         all: &[Candidate],
@@ -460,7 +466,7 @@ impl Prepared {
     ) -> Result<Designed, InverseError> {
         let is_stopped = !report.complete;
         let fine = 2 * self.design.voxels;
-        // A stopped search still tests whether its cell is connected.
+        // A stopped search still tests its cell, without progress, which would cancel the test.
         let watched: &dyn Progress = if is_stopped { &Silent } else { progress };
         if !is_stopped {
             progress.stage(&format!("figures, {fine} voxels"), None);

@@ -1,7 +1,7 @@
 //! The linear space of coefficients that a design may use: free, or with a given trace on the faces.
 //!
-//! Coefficients are origin + columns y. The level moves the surface along one more direction: the constant, or,
-//! where the trace on the faces is given, the function nearest to the constant that vanishes on the faces.
+//! Coefficients are origin + columns y. The level moves the surface along one more direction: the constant (of a sheet
+//! its thickness), or, where the trace on the faces is given, the function nearest to 1 that vanishes on the faces.
 
 use super::InverseError;
 use super::samples::SampledBasis;
@@ -11,7 +11,7 @@ use druse_geometry::field::Field;
 use druse_geometry::frame::Element;
 use nalgebra::{DMatrix, DVector};
 
-/// Singular values of a projection below this are 0.
+/// Singular values of a projection, 0 or 1 but for rounding, below this are 0.
 const RANK_TOLERANCE: f64 = 1e-6;
 /// Greatest part of a matched cell's field that may lie beyond the band, as a share of its mean square.
 const MAX_LOST_ENERGY: f64 = 1e-8;
@@ -22,7 +22,7 @@ const TRACE_TOLERANCE: f64 = 1e-6;
 #[derive(Clone, Debug)]
 pub struct Space {
     origin: DVector<f64>,
-    /// Columns are orthogonal directions, short ones of high frequencies.
+    /// Columns are orthogonal directions: short ones for high frequencies where all is free, else of length 1.
     columns: DMatrix<f64>,
     /// Coefficients of the function that the level multiplies.
     direction: Vec<f64>,
@@ -62,8 +62,8 @@ impl Space {
     /// trace of those cells, which must agree.
     ///
     /// # Errors
-    /// [`InverseError::Conflict`] for matched cells that do not agree, for sheets, where no freedom is left, and
-    /// where the band does not hold a matched cell.
+    /// [`InverseError::Conflict`] for matched cells that do not agree, for a sheet beside them, where they leave fewer
+    /// than two unknowns, and as [`coefficients_of`].
     pub fn new(
         element: Element,
         basis: &Basis<3>,
@@ -74,7 +74,7 @@ impl Space {
     ) -> Result<Self, InverseError> {
         let n = basis.len();
         let mut one = vec![0.0; n];
-        // The constant comes first.
+        // The constant comes first: its function is 1 / sqrt(volume).
         one[0] = basis.lattice().volume().sqrt();
         let constraint = normal.then(|| face_normal::equations(basis, element));
         if matched.is_empty() {
@@ -203,7 +203,7 @@ fn slowness(frequency: f64) -> f64 {
 /// The coefficients of a network in a basis: of its field minus its level, negative inside.
 ///
 /// # Errors
-/// [`InverseError::Conflict`] for a sheet, another element, and a field beyond the band or the group.
+/// [`InverseError::Conflict`] for a cell not solid below, another element, and a field beyond the band or the group.
 pub fn coefficients_of(
     element: Element,
     basis: &Basis<3>,

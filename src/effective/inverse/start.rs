@@ -46,7 +46,6 @@ const OPEN_PLATES: [(&str, Terms); 2] = [
     ),
 ];
 
-/// The first coefficients of an optimisation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Start {
     /// Its name in reports.
@@ -59,6 +58,7 @@ pub struct Start {
 struct SplitMix(u64);
 
 impl SplitMix {
+    /// A number from 0 to 1, 1 excluded.
     fn next(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -75,7 +75,7 @@ impl SplitMix {
     }
 }
 
-/// Random coefficients that fall off with the frequency.
+/// Random coefficients that fall off with the square of the frequency.
 pub fn random(basis: &Basis<3>, seed: u64) -> Start {
     let mut numbers = SplitMix(seed.wrapping_mul(0x2545_f491_4f6c_dd1d).wrapping_add(1));
     let coefficients = basis
@@ -104,7 +104,7 @@ pub fn perturbed(basis: &Basis<3>, start: &Start, seed: u64) -> Start {
 /// The part of a cell that a basis holds; a cell that is solid above its level is negated.
 ///
 /// # Errors
-/// [`InverseError::Start`] for another element, or where almost nothing is kept.
+/// [`InverseError::Start`] for another element, or where almost nothing beside the constant is kept.
 pub fn of_cell(
     element: Element,
     sampled: &SampledBasis,
@@ -189,7 +189,8 @@ pub fn known_sheets(element: Element, sampled: &SampledBasis) -> Vec<Start> {
     made.collect()
 }
 
-/// The starts of a design that names none: surfaces, both sides of them where they differ, and random ones.
+/// The starts of a design that names none: surfaces, for networks both sides of all but `schwarz_p`, whose sides are
+/// alike, and random ones.
 pub fn of_design(
     element: Element,
     basis: &Basis<3>,

@@ -9,7 +9,7 @@
 use super::samples::SampledBasis;
 use druse_geometry::frame::Vec3;
 
-/// Weight W of the barrier.
+/// Weight W of the barrier: a way with v / R = 0.1 at all points costs 1 per radius of its length.
 const WEIGHT: f64 = 100.0;
 /// Shells of points in a ball: radius over that of the ball, number of points.
 const SHELLS: [(f64, usize); 3] = [(0.0, 1), (0.5, 12), (1.0, 48)];
@@ -21,9 +21,9 @@ const GOLDEN_ANGLE: f64 = 2.399_963_229_728_653;
 pub struct Way {
     /// 1 where the void lies above the level, -1 where it lies below minus the level of a sheet.
     pub side: f64,
-    /// Places in the period that the ball's centre visits.
+    /// Places in the period that the ball's centre visits, from -1/2 to 1/2.
     pub path: Vec<[f64; 3]>,
-    /// Distance of two neighbours of them.
+    /// Distance of two nodes of them along an axis, periods.
     pub step: f64,
 }
 
@@ -34,7 +34,7 @@ pub struct Tube {
     /// Values of every function, point by point.
     values: Vec<f64>,
     functions: usize,
-    /// Of each point: the side of the void, the part of the sum.
+    /// Of each point: the side of the void, its part `W s / (R points)` of the sum.
     points: Vec<(f64, f64)>,
 }
 
@@ -75,7 +75,6 @@ impl Tube {
         }
     }
 
-    /// Values of a series at the points.
     pub(super) fn field(&self, coefficients: &[f64]) -> Vec<f64> {
         let rows = self.values.chunks(self.functions);
         rows.map(|row| row.iter().zip(coefficients).map(|(b, a)| b * a).sum())

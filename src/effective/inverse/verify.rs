@@ -15,7 +15,7 @@ use druse_geometry::frame::Element;
 use druse_geometry::progress::{CancelOnly, Progress};
 use rayon::prelude::*;
 
-/// Samples along each edge of a voxel, from which it is solid or void.
+/// Samples along each edge of a voxel: it is solid where half of them or more are.
 const FINENESS: usize = 2;
 /// Nodes along the period are a multiple of this: throats of common surfaces lie at multiples of an eighth.
 const NODE_MULTIPLE: usize = 8;
@@ -63,8 +63,8 @@ pub(super) fn figures(
     Ok((own, tensors))
 }
 
-/// The opening of a cell's void in reference lengths, of a sheet the lesser of its two sides, and the ways of the
-/// greatest balls, on at least `n` nodes along the period, and at most 128.
+/// The opening of a cell's void, a radius in reference lengths, of a sheet the lesser of its two sides, and the ways of
+/// the greatest balls, on at least `n` nodes along the period, and at most 128.
 ///
 /// # Errors
 /// [`InverseError`] of a cell without a period, see [`Period::of_cell`].
@@ -88,8 +88,8 @@ pub fn ways(cell: &Cell, n: usize) -> Result<(f64, Vec<Way>), InverseError> {
     Ok((least / scale(cell.element()), all))
 }
 
-/// The least widths of a cell's solid and of its void, of a sheet the lesser of both sides, in reference lengths; on a
-/// grid of nodes that is finer for more voxels `n`.
+/// The least widths (diameters) of a cell's solid and of its void, of a sheet the lesser of both sides, in reference
+/// lengths; on `n + 24` nodes or a few more along the period, and at most 80.
 ///
 /// # Errors
 /// [`InverseError`] of an element without a period.
@@ -134,7 +134,7 @@ fn sampled(cell: &Cell, n: usize) -> Result<Vec<f64>, InverseError> {
     Ok((0..n * n * n).into_par_iter().map(value).collect())
 }
 
-/// Lengths in the period over those of the reference element: a tet of the packing is smaller.
+/// Lengths in the period over those of the reference element, at least: a tet of the packing is smaller.
 pub(super) fn scale(element: Element) -> f64 {
     if element == Element::Tet {
         Packing::Bcc.shrinkage()
@@ -178,7 +178,7 @@ pub fn check_connected(cell: &Cell, n: usize, progress: &dyn Progress) -> Result
     is_connected(grid, cell.solid(), &shares, &field).map_err(InverseError::Disconnected)
 }
 
-/// Sharp voxels of a cell, and the values of its function in their middles.
+/// Sharp voxels of a cell, and, of a sheet, which has two sides, the values of its function in their middles; else 0.
 fn sharp(
     cell: &Cell,
     n: usize,

@@ -1,9 +1,9 @@
-//! The update of a grading: a filter, a power of measure over target, bounds, and the target by bisection.
+//! The update of a grading: a filter, a power of measure over target, bounds, means at nodes, the target by bisection.
 //!
 //! With the measure m of an element and its target t, the volume fraction changes by the factor (m / t)^p, within a
-//! factor `step` either way and the bounds. m is first filtered over the neighbours by a cone, unless its radius is 0,
-//! which keeps the grading free of alternating elements. The target is the limit, or with a mass the one that gives it,
-//! by bisection of its logarithm. One update is one step: it does not converge by itself.
+//! factor `step` either way; bounds then hold for the quantity, a fraction or the thickness that gives it. m is first
+//! filtered by a cone against alternating elements, unless its radius is 0. The target is the limit, or the one that
+//! gives the mass, by bisection of its logarithm. One update is one step: it does not converge by itself.
 
 use super::{GradeRule, centres};
 use crate::frame::Vec3;
@@ -12,11 +12,11 @@ use crate::pipeline::effective::{EffectiveElements, Law};
 use crate::scaffold::Scaffold;
 use std::collections::HashMap;
 
-/// Radius of the filter over the mean size of elements.
+/// Radius of the filter over the mean size of elements: in a grid of cubes neighbours at faces and edges count.
 const FILTER_ELEMENTS: f64 = 1.5;
-/// Steps of a bisection.
+/// Most steps of a bisection; 58 narrow a factor of 10^18 down to rounding.
 const MAX_STEPS: usize = 80;
-/// Relative error of the mass.
+/// Relative error of the mass at which a bisection ends, and by which a mass may lie outside what bounds allow.
 const MASS_TOLERANCE: f64 = 1e-6;
 
 /// The state of a part before the update; lists are by element.
@@ -31,7 +31,7 @@ pub(super) struct Grading<'a> {
     pub measure: &'a [f64],
 }
 
-/// How it changes; the fields are those of the options of a grading.
+/// How it changes, by the options of a grading: `mass` over the present one, `bounds` and `filter` in recipe units.
 pub(super) struct Update {
     pub rule: GradeRule,
     pub limit: Option<f64>,
@@ -43,12 +43,13 @@ pub(super) struct Update {
 }
 
 pub(super) struct NewGrading {
-    /// The quantity at the nodes.
+    /// The quantity at the nodes, recipe units.
     pub nodes: Vec<f64>,
     /// The quantity, as the mean of corners, and the volume fraction of each element.
     pub values: Vec<f64>,
     pub fraction: Vec<f64>,
     pub target: f64,
+    /// Elements whose own value, before the means at nodes, lies outside the bounds.
     pub at_bounds: usize,
 }
 
@@ -76,7 +77,7 @@ impl Grading<'_> {
         }
     }
 
-    /// The present values in recipe units.
+    /// The present values in recipe units; `parameters` are those of the laws, thickness over element size.
     pub fn values(&self, parameters: &[f64], fraction: &[f64]) -> Vec<f64> {
         let values = (0..fraction.len()).map(|e| {
             if self.is_thickness {
@@ -88,7 +89,7 @@ impl Grading<'_> {
         values.collect()
     }
 
-    /// The range of values at which some element has a volume fraction within bounds, as far as its cell reaches.
+    /// The range of values at which some element has a fraction within `[least, greatest]`, as far as its cell reaches.
     pub fn default_bounds(&self, fractions: [f64; 2]) -> [f64; 2] {
         let all = |f: f64| (0..self.fraction.len()).map(move |e| self.value_for(e, f));
         [
@@ -136,8 +137,7 @@ impl Grading<'_> {
     /// element grows by (measure / target)^exponent, within a factor of `step` and the bounds.
     fn at(&self, update: &Update, measure: &[f64], target: f64) -> NewGrading {
         let exponent = update.exponent.unwrap_or(match update.rule {
-            // For stresses ~ 1 / fraction and energy densities ~ 1 / fraction^2 a single step reaches
-            // the target.
+            // For stresses ~ 1 / fraction and energy densities ~ 1 / fraction^2 a single step reaches the target.
             GradeRule::Stress => 1.0,
             GradeRule::Energy => 0.5,
         });
@@ -187,7 +187,7 @@ impl Grading<'_> {
 
     /// The new grading: for `limit` as the target of the measure where no mass is requested, else for the target that
     /// gives the mass, which is the present one by default. The errors are bounds out of order, and a mass that they
-    /// exclude.
+    /// or the greatest step exclude.
     pub fn update(&self, update: &Update) -> Result<NewGrading, RunError> {
         let refuse = |message: String| Err(RunError::Tiling(message));
         let [low, high] = update.bounds;
@@ -199,7 +199,6 @@ impl Grading<'_> {
         let volume: f64 = self.elements.volumes.iter().sum();
         let size = libm::cbrt(volume / self.elements.volumes.len() as f64);
         let radius = update.filter.unwrap_or(FILTER_ELEMENTS * size);
-        // The filter keeps the grading from alternating between neighbours.
         let measure = if radius > 0.0 {
             self.filtered(radius)
         } else {
