@@ -12,6 +12,7 @@
 //! - Inside is `d < 0`; zero is outside. Samples in a contact plane of two solids take the value of a
 //!   neighbour, so that the solids merge.
 //! - Results do not depend on the number of threads or on the order of the blocks.
+//! - Files and stores of leaves, redistancing, smoothing and estimates work on such bands.
 
 use druse_geometry::field::WorldField;
 use druse_geometry::frame::{Aabb, Coord, Transform, WorldPoint};

@@ -11,7 +11,7 @@
 //! stay strictly inside after rounding to `f32`; no triangle degenerates. Where no other does, they lie where
 //! the surface does: a plane through voxels is met exactly. Zero is outside. All eight voxels of a cell with a change of
 //! sign must be in leaves; a level set from elsewhere may lack one ([`MesherError::OpenSurface`]). The
-//! result does not depend on the number of threads.
+//! result does not depend on the number of threads. `quads` holds patches of OpenVDB's mesher, [`Patch`] joins both.
 
 use crate::band::{LEAF, Region, VOXELS};
 use druse_geometry::field::WorldField;
@@ -96,6 +96,7 @@ pub struct Mesher<'a> {
     origin: Vec3,
     /// Greatest magnitude of a vertex coordinate, world units; none: that of the leaves.
     max_coordinate: Option<f64>,
+    /// Whether vertices keep the margin of double precision only.
     is_double: bool,
     exact_field: Option<&'a WorldField<'a>>,
 }

@@ -347,7 +347,7 @@ fn index_entry(bytes: &[u8]) -> Chunk {
         start: long(12),
         bytes: int(20) as u32,
         leaves: int(24) as u32,
-        layers: [0; 2],
+        layers: [0; 2], // `inspect` takes them from the leaves.
     }
 }
 

@@ -84,7 +84,7 @@ impl BlockBuilder {
     fn finish(self, file: usize) -> Block {
         let first = self.first.unwrap_or(false);
         let mut inside = [0u64; 64];
-        let mut ends = vec![None; VOXELS * 8];
+        let mut ends = vec![None; 16 * 16 * 16];
         for &(slot, end) in &self.leaves {
             ends[slot] = Some(end);
         }

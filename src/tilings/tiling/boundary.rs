@@ -96,13 +96,13 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
         let slack = self.chord_slack();
         let boundary = &self.components[component].boundary;
-        // max(d, D): the boundary matters only where it is nearer than the surface, and than the least wanted distance.
+        // max(d, D): the boundary matters only where it is nearer than the surface, and than the least wanted distance;
+        // 1e-9 is for the rounding of the bound.
         let radius = slack
             .max((-d).min(-known.wanted.lo))
             .min(known.max_boundary_distance * (1.0 + 1e-9));
         match known.closest_within(boundary, x, radius) {
-            // On the boundary, outside within the slack, or inside: the winding number is needed only in the second
-            // case.
+            // On the boundary, outside within the slack, or inside: the winding number is needed only in the second case.
             Some(c) if c.distance < self.boundary_tolerance() => d.max(0.0),
             Some(c) if c.distance < slack && !boundary.contains(x) => d.max(c.distance),
             Some(c) => d.max(-c.distance),
@@ -183,7 +183,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         1e-6 * self.options.voxel_size
     }
 
-    /// Beyond this distance from the boundary's triangles, a point that has an owner is inside.
+    /// Beyond this distance from the boundary's triangles, twice their error, a point that has an owner is inside.
     pub(super) fn chord_slack(&self) -> f64 {
         2.0 * CHORD_TOLERANCE * self.options.voxel_size
     }

@@ -64,7 +64,7 @@ fn onto_pyramid(xi: Vec3) -> Vec3 {
         return Vec3::new(xi.x.clamp(-0.5, 0.5), xi.y.clamp(-0.5, 0.5), 0.0);
     }
     // Above the base the nearest point is on a side: by symmetry on that of the greater coordinate, or on the
-    // edges of both. In the plane of that side it is in the triangle or on an edge.
+    // edges of both. In that side's plane, 2 x + sqrt(2) z = 1, it is in the triangle or on an edge.
     let swapped = xi.y.abs() > xi.x.abs();
     let x = if swapped {
         Vec3::new(xi.y, xi.x, xi.z)

@@ -90,7 +90,8 @@ impl Samples {
 }
 
 impl<'a> ClosestPointField<'a> {
-    /// Memory that kept blocks take, bytes: those of three kinds, and what is being made.
+    /// Memory that kept blocks take, bytes: those of three kinds, and what is being made; blocks kept for each thread
+    /// may take more.
     pub const BYTES_KEPT: usize = 4 * MAX_CACHE_BYTES;
 
     /// The distance to the zero set of `source`, which needs to be accurate within three voxels only. `bounds` is

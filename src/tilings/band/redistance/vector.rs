@@ -5,14 +5,14 @@
 /// Three components.
 pub(super) type Vector = [f32; 3];
 
-/// The dual basis of three unit vectors; none if they are nearly coplanar: their volume is at most 0.05.
+/// The dual basis of three unit vectors; none if they are nearly coplanar, with a volume of 0.05 or less: it would
+/// magnify errors twenty times.
 pub(super) fn dual([a, b, c]: [Vector; 3]) -> Option<[Vector; 3]> {
     let volume = dot(a, cross(b, c));
     (volume.abs() > 0.05)
         .then(|| [cross(b, c), cross(c, a), cross(a, b)].map(|v| v.map(|x| x / volume)))
 }
 
-/// The scalar product.
 pub(super) fn dot(a: Vector, b: Vector) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }

@@ -81,7 +81,7 @@ impl Pool {
                         NEIGHBOUR_STEPS[d][1],
                         NEIGHBOUR_STEPS[d][2],
                     ));
-                    // One voxel of the face has the neighbour's sign: in a closed band no surface lies between them.
+                    // All voxels of the face have an absent leaf's sign, else it had active voxels: any one decides.
                     let nearest = match d {
                         1 => values[56][0],
                         3 => values[7][0],

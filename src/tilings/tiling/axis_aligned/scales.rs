@@ -16,11 +16,12 @@ use druse_cells::cell::{Along, FUNCTIONS};
 use druse_geometry::simd::{Lanes, Pair, SimdKernel, WideLanes};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Stands for scales computed at every sample.
+/// Stands for scales computed at every sample: more than any number of nodes.
 pub(super) const PER_SAMPLE: usize = 12;
 /// Greatest number of nodes along an axis for a polynomial over the whole leaf.
 pub(super) const MAX_POLYNOMIAL_NODES: usize = 6;
-/// Number of nodes along an axis where each sample interpolates between four of them.
+/// Number of nodes along an axis where each sample interpolates between four of them: eight samples span eight entries
+/// at most, and cubics need one before and two behind.
 pub(super) const LOCAL_NODES: usize = 11;
 /// Number of consecutive entries along an axis that include the nodes of a leaf.
 const NODE_SPAN: usize = 16;
@@ -163,7 +164,6 @@ impl Scales {
         self
     }
 
-    /// Unique identifier.
     pub fn id(&self) -> u64 {
         self.id
     }

@@ -226,7 +226,6 @@ impl<'a> Search<'a> {
             .turns
     }
 
-    /// The class of a turn of an element.
     pub fn class(&self, element: usize, turn: u8) -> u8 {
         self.turns(element)[usize::from(turn)].class
     }
@@ -338,6 +337,7 @@ impl<'a> Search<'a> {
             let by_faces = sums[b].0.cmp(&sums[a].0);
             by_faces.then(sums[a].1.total_cmp(&sums[b].1))
         };
+        // Reversed, since `max_by` takes the last of equals: the first trial wins.
         let Some(chosen) = (0..trials.count).rev().max_by(better) else {
             return Vec::new();
         };
