@@ -6,7 +6,7 @@
 //! | module | elements | conditions | method |
 //! |---|---|---|---|
 //! | `axis_aligned` | a box of equal hexes along the axes | rule Q, a cell that is a short trigonometric series, a narrow band | products of tabulated sines and cosines |
-//! | `interpolated` | one element over a leaf of 8^3 samples | rule Q, more than w inside the boundary, at most 0.7 waves of the cell over the leaf | polynomials through 4^3 or 6^3 nodes |
+//! | `interpolated` | one element over a leaf of 8^3 samples | a tolerance for it, rule Q, more than w inside the boundary, at most 0.7 waves of the cell over the leaf | polynomials through 4^3 or 6^3 nodes |
 //! | `affine` | at most 1,024 affine elements near a lattice | rule Q | 64 samples at a time, no search |
 //! | `curved` | any | rule Q | blocks of 2^3 samples, Newton's method for the inverse map |
 //! | `distance_scale`, `exact` | any | single points, rule R, several components without a cut | point by point |
@@ -311,7 +311,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
         }
     }
 
-    /// The evaluator. [`Kernel::Products`] is chosen only where it is within 0.0025 voxels of rule Q.
+    /// The evaluator. [`Kernel::Products`] tabulates scales only where trials were off by at most 0.06 voxels.
     pub fn kernel(&self) -> Kernel {
         match self.hex_grid {
             Some(_) => Kernel::Products,

@@ -33,7 +33,7 @@ pub struct Control {
 impl Default for Control {
     fn default() -> Self {
         Self {
-            tolerance: 1e-6,
+            tolerance: 1e-6, // A stiffness errs by its square.
             max_iterations: 5000,
         }
     }

@@ -37,7 +37,7 @@ pub struct Stokes {
     spectral: Spectral<3>,
     /// Squares of the frequencies along each axis.
     squares: [Vec<f64>; 3],
-    /// Least square at frequency 1 of an axis; 1 where all axes have one voxel.
+    /// Smallest positive square; 1 where all axes have one voxel.
     least: f64,
     /// Drag of each voxel, per reference length squared; empty where walls stop the flow.
     drag: Vec<f64>,
@@ -106,7 +106,7 @@ impl Stokes {
             };
             (0..counts[a]).map(value).collect::<Vec<f64>>()
         });
-        // Frequency 0 has no inverse; the preconditioner gives it this eigenvalue, about the least positive one.
+        // The frequency 0 has no inverse; the preconditioner gives it this least positive eigenvalue.
         let least = squares
             .iter()
             .filter_map(|s| s.get(1).copied())

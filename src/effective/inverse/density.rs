@@ -42,7 +42,7 @@ pub fn share(solid: Solid, level: f64, field: f64, width: f64) -> Share {
         Solid::Sheet | Solid::Channels => {
             let (above, other) = smooth_step((level + field) / width);
             let other = other / width;
-            // Both interfaces overlap in a sheet thinner than they are, and their sum falls below that of no solid.
+            // Beside the sheet, and in one thinner than its interfaces, where the sum falls below that of no solid.
             if below + above <= 1.0 {
                 return Share::default();
             }

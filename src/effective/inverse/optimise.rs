@@ -19,7 +19,7 @@ const MAX_STEP: f64 = 8.0;
 const COST_TOLERANCE: f64 = 1e-6;
 /// Gain of a run, in cost, at or below which the optimiser is not started again.
 const RESTART_GAIN: f64 = 1e-3;
-/// Cost of a point where nothing can be evaluated: far above all costs, which are of the order of 1.
+/// Cost of a point where nothing can be evaluated: far above that of any cell.
 const REFUSED_COST: f64 = 1e6;
 
 /// What an optimisation found.

@@ -128,7 +128,7 @@ impl Problem<'_> {
             }
             if is_full { (-step, 0.0) } else { (0.0, step) }
         } else if self.solid.is_symmetric() {
-            // Half the thickness of a sheet; a network may have any level among the values. At +-reach one phase is all.
+            // Half the thickness of a sheet; a network has any level among the values. At +-reach one phase is all.
             (0.0, reach)
         } else {
             (-reach, reach)
@@ -150,6 +150,7 @@ impl Problem<'_> {
             } else {
                 f64::midpoint(low, high)
             };
+            // Rounding; below, a volume that jumps over the fraction has no level.
             if (next - level).abs() <= 1e-14 * reach {
                 level = next;
                 break;

@@ -23,7 +23,7 @@ use rayon::prelude::*;
 
 /// Residual of the solver in a search; a stiffness errs by its square.
 const SEARCH_RESIDUAL: f64 = 1e-4;
-/// Corrections of the goals of a target with ratios or a stiffness; with constraints the least number.
+/// Corrections of the goals of a target with ratios or a stiffness; beside constraints at least as many.
 const CORRECTIONS: usize = 2;
 /// Corrections of a target with constraints, at most.
 const CONSTRAINED_CORRECTIONS: usize = 4;

@@ -75,7 +75,7 @@ impl SplitMix {
     }
 }
 
-/// Random coefficients that fall off with the square of the frequency.
+/// Random coefficients that fall off with the square of the frequency; factors set neighbouring seeds far apart.
 pub fn random(basis: &Basis<3>, seed: u64) -> Start {
     let mut numbers = SplitMix(seed.wrapping_mul(0x2545_f491_4f6c_dd1d).wrapping_add(1));
     let coefficients = basis

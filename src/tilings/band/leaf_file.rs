@@ -309,7 +309,8 @@ pub(super) fn inspect(
             rest = &rest[used..];
             let current = Some((chunk.block, leaf.slot));
             let is_out_of_band = |v: &f32| v.is_nan() || v.abs() > max_value;
-            if current <= previous || leaf.slot >= 4096 || population(&leaf.mask) == 0 {
+            let is_in_block = u32::from(leaf.slot) < BLOCK_LEAVES;
+            if current <= previous || !is_in_block || population(&leaf.mask) == 0 {
                 let found = format!("leaves out of order, out of the block or empty in {chunk:?}");
                 return Err(invalid(found));
             }

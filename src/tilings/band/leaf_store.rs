@@ -114,7 +114,7 @@ fn active_signs(mask: &[u64; 8], active: &[f32]) -> Vec<(usize, bool)> {
 pub struct UpperNode {
     /// Least voxel.
     pub origin: Coord,
-    /// Bits of the slots (x slowest, 32 a side) that hold a block.
+    /// Bits of the slots (x slowest, 32 a side), 512 words, that hold a block.
     pub children: Vec<u64>,
     /// Bits of the other slots that lie inside.
     pub inside: Vec<u64>,

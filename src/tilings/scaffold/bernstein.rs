@@ -54,7 +54,6 @@ pub(super) fn index(family: Family, n: usize, [i, j, k]: [usize; 3]) -> usize {
     }
 }
 
-/// Number of coefficients.
 pub(super) fn count(family: Family, degree: usize) -> usize {
     let n = degree + 1;
     match family {
@@ -319,6 +318,7 @@ impl Part {
         let first_longest = |lengths: &mut dyn Iterator<Item = f64>| {
             let (mut best, mut way) = (0.0, 0);
             for (i, l) in lengths.enumerate() {
+                // Of lengths equal to rounding the first.
                 if l > best * (1.0 + 1e-9) {
                     (best, way) = (l, i);
                 }

@@ -245,7 +245,7 @@ fn contract(
         let shrunk = (0..3).any(|a| next.max[a] - next.min[a] < 1.5 * radius[a]);
         inner = next;
         // How much the remainder adds to the linear preimage: settled is up to a quarter, or up to as much again
-        // where the box shrinks no further.
+        // where the box shrinks no further; 1e-9 of the cell in any case.
         let linear = y.abs() * half.add_scalar(rounding);
         let excess = y.abs() * rest;
         let adds = |share: f64| (0..3).all(|a| excess[a] <= share * linear[a] + 1e-9);

@@ -32,7 +32,7 @@ const MAX_EDGE_SAG: f64 = 0.08;
 const MIN_PART_LENGTH: f64 = 1.0 / 32.0;
 /// Tets of less quality that lie on the surface have no volume: they are no part of the body.
 const FLAT_QUALITY: f64 = 0.02;
-/// How often cells are halved where tets are slivers or the volume is missing.
+/// How often cells are halved where tets are slivers or the volume is missing: each time a whole filling.
 const REFINEMENTS: usize = 3;
 /// Share of the volume that may be missing.
 const MAX_VOLUME_ERROR: f64 = 0.004;
@@ -331,8 +331,7 @@ impl Body<'_> {
                         .iter()
                         // A node so near to a corner would make a needle.
                         .any(|c| (c - found.point).norm() < 0.2 * longest);
-                    // A node beside a crease would tear it.
-                    // Free of creases: none within three tenths of the longest edge.
+                    // A node within three tenths of the longest edge of a crease would tear it.
                     let is_free = || {
                         let crease = creases.nearest(found.point, None);
                         creases.is_empty() || (crease - found.point).norm() > 0.3 * longest

@@ -22,7 +22,7 @@ const FULL_WALL: f64 = 0.95;
 /// The thinnest walls of a shell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThinWall {
-    /// Number of nodes with walls thinner than the thickness.
+    /// Number of nodes with walls thinner than 95 % of the thickness.
     pub count: usize,
     /// The node with the thinnest.
     pub place: Vec3,

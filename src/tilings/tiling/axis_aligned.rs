@@ -110,7 +110,7 @@ impl HexGrid {
         };
         let field = &hex_grid.field;
         let tables = TABLE_SPACINGS.map(|spacing| Scales::new(field, h, spacing));
-        // Fewest nodes and widest spacing first: the fastest table that is accurate wins.
+        // From cubics on, fewest nodes and widest spacing first: the fastest table that is accurate wins.
         let mut candidates = (4..=scales::MAX_POLYNOMIAL_NODES).flat_map(|n| {
             tables
                 .iter()
@@ -133,7 +133,7 @@ impl HexGrid {
     /// Whether distances with these interpolated scales are within the tolerances of those with exact scales.
     fn is_accurate(&self, scales: &Scales) -> bool {
         let h = self.options.voxel_size;
-        let w = self.field.rule.half_width * (1.0 - 1e-4);
+        let w = self.field.rule.half_width * (1.0 - 1e-4); // Below clamped values.
         let (mut squares, mut count, mut max_error) = (0.0, 0u32, 0f64);
         for n in 0..TRIAL_LEAVES {
             // A low-discrepancy sequence over a period.
@@ -220,7 +220,7 @@ impl HexGrid {
             self.outside_range(axis, from, from + 9.0 * step)
         };
         let along = [0, 1, 2].map(|axis| [0, 1, 2, 3].map(|n| leaf(axis, n)));
-        let slack = 1e-6 * self.options.half_width;
+        let slack = 1e-6 * self.options.half_width; // Rounding to single precision.
         let (least, most) = (band[0] - slack, band[1] + slack);
         let furthest = along
             .as_flattened()

@@ -440,6 +440,7 @@ impl<C: CellField> Filling for Blend<'_, C> {
                 if most <= 0.0 {
                     continue;
                 }
+                // With one weight 0 at an end the share is 0 or 1: a half there still leaves it in the interval.
                 let share = |a: f64, b: f64| if a + b > 0.0 { b / (a + b) } else { 0.5 };
                 let shares = Interval::new(share(w[i].hi, w[j].lo), share(w[i].lo, w[j].hi));
                 let t = pair.range(shares);
@@ -453,7 +454,7 @@ impl<C: CellField> Filling for Blend<'_, C> {
             range.lo -= b.hi;
             range.hi -= b.lo;
         }
-        let slack = 1e-12 * (range.lo.abs() + range.hi.abs());
+        let slack = 1e-12 * (range.lo.abs() + range.hi.abs()); // Rounding of the sums.
         Interval::new(range.lo - slack, range.hi + slack)
     }
 

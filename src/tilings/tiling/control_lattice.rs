@@ -49,6 +49,7 @@ impl ControlLattice {
         let size = bounds.size();
         let mean = scaffold.elements().map(edge).sum::<f64>() / scaffold.len().max(1) as f64;
         let mut spacing = mean.max(size.amax() * 1e-3).max(f64::MIN_POSITIVE);
+        // At most four more than intervals along an axis, see `counts`.
         let points = |h: f64| size.iter().map(|s| s / h + 4.0).product::<f64>();
         while points(spacing) > MAX_POINTS {
             spacing *= 1.1;

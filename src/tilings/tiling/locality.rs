@@ -372,7 +372,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             if !self.is_cut() {
                 return self.continuation(local, x, boundary.closest(x).point);
             }
-            let radius = w.min(known.max_boundary_distance * (1.0 + 1e-9));
+            let radius = w.min(known.max_boundary_distance * (1.0 + 1e-9)); // Rounding.
             return match known.closest_within(boundary, x, radius) {
                 Some(c) => {
                     let outside = if c.distance < self.boundary_tolerance() {

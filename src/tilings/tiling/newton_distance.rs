@@ -13,7 +13,8 @@ use druse_geometry::simd::{self, Four, Lanes, Number, SimdKernel};
 
 /// Newton steps are damped where the slope is below this fraction of its root mean square.
 const DAMPING_FRACTION: f64 = 0.05;
-/// Bound of the scale, in units of 1 / root mean square of the slope.
+/// Bound of the scale, in units of 1 / root mean square of the slope: that of a zero, |g| / (|g|^2 + damping), is at
+/// most 1 / (2 [`DAMPING_FRACTION`]).
 const MAX_SCALE_FACTOR: f64 = 10.0;
 
 /// Damping and bounds of the Newton steps in one element.
@@ -225,7 +226,6 @@ impl SimdKernel for SecondStepKernel<'_> {
     }
 }
 
-/// Loads vectors, stored by coordinate and lane.
 #[inline(always)]
 fn load_rows<L: Lanes>(lanes: L, v: [[f64; 4]; 3]) -> [Four<L>; 3] {
     [

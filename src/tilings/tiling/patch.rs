@@ -124,6 +124,7 @@ impl Patch {
             planes,
             slope_sup: per_world(filling.gradient_sup_near(number, reach / least_stretch)),
             slope_sup_anywhere: per_world(filling.gradient_sup(number)),
+            // The Frobenius norm over sqrt 3 is the root mean square stretch over all directions.
             slope_rms: filling.gradient_rms(number) * matrix.norm() / 3f64.sqrt(),
             least_stretch,
         }
@@ -486,7 +487,6 @@ impl Patch {
         matches!(self.inverse, Inverse::Affine { .. })
     }
 
-    /// The reference element's shape.
     pub fn shape(&self) -> Element {
         self.shape
     }

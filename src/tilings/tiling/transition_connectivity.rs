@@ -13,7 +13,7 @@ use druse_geometry::union_find::UnionFind;
 
 /// Voxels along an edge of the element's box.
 const VOXELS: usize = 24;
-/// Number of weights tested, 0 and 1 included.
+/// Number of weights tested, 0 and 1 included; what breaks between two of them is not seen.
 const WEIGHT_COUNT: usize = 9;
 
 /// What [`check_transition`] finds.
@@ -93,7 +93,7 @@ pub(super) fn connectivity(
         hull.min + size.component_mul(&at)
     };
     let total = VOXELS.pow(3);
-    // A voxel within a voxel of a face touches it.
+    // A voxel within a voxel of a face touches it, and a hundredth for rounding.
     let near = size.amax() * 1.01;
     let mut faces = shape.faces();
     faces.retain(|f| !planar || f.normal.z.abs() < 0.5);
@@ -125,12 +125,12 @@ pub(super) fn connectivity(
             }
         }
     }
-    // The faces that each component touches.
     let mut faces_of_component = vec![0u8; total];
     for i in (0..total).filter(|&i| is_solid[i]) {
         faces_of_component[sets.find(i)] |= touches[i];
     }
     // A component percolates if the faces that it touches do not all share a vertex: else it may be a piece around it.
+    // This precedes the union with images, which touch other faces.
     let vertices = shape.vertices();
     let share_a_vertex = |mask: u8| {
         vertices.iter().any(|v| {

@@ -25,7 +25,6 @@ const STEPS: usize = 3;
 /// Steps to the leaves along an axis, in voxels, and which voxels are taken from there.
 const PARTS: [(i32, Range<i32>); 3] = [(-8, -1..0), (0, 0..8), (8, 8..10)];
 
-/// Offset of a voxel in a leaf.
 fn offset([x, y, z]: [i32; 3]) -> usize {
     (x << 6 | y << 3 | z) as usize
 }
@@ -54,6 +53,7 @@ impl Point {
         let tangential = away - normal * height;
         let across = tangential.norm_squared();
         let bent = tangential.dot(&(hessian * tangential));
+        // k, or 0 where t vanishes.
         let curvature = if across > 1e-12 { bent / across } else { 0.0 };
         let spread = (1.0 + height * curvature).max(f64::from(MIN_CURVATURE_FACTOR));
         let more = (0.5 * bent / spread).clamp(-f64::from(MAX_CURVATURE_REDUCTION), 1.0);

@@ -175,7 +175,7 @@ impl Pool {
         let grown: Vec<[u64; 8]> = masks
             .par_iter()
             .zip(neighbours)
-            .with_min_len(256)
+            .with_min_len(256) // Masks are small: fewer are no task.
             .map(|(mask, around)| {
                 let [xm, xp, ym, yp, zm, zp] = around.map(of);
                 // Bit 8 y + z of word x: neighbours along x are in other words, along y 8 bits away, along z one bit

@@ -35,7 +35,6 @@ impl Line {
         }
     }
 
-    /// The length of the whole line.
     pub fn length(&self) -> f64 {
         self.lengths[self.lengths.len() - 1]
     }
@@ -218,6 +217,7 @@ fn crease_edges(solid: &MeshSolid) -> (Vec<[u32; 2]>, Vec<Vec3>) {
     }
     let is_crease = |pair: &[([u32; 2], u32)]| match *pair {
         [(_, s), (_, t)] => {
+            // An angle of 30 degrees up to rounding is none.
             normals[s as usize].dot(&normals[t as usize]) < CREASE_COSINE - 1e-9
                 && normals[s as usize] != Vec3::zeros()
                 && normals[t as usize] != Vec3::zeros()

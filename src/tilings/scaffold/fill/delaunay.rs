@@ -11,7 +11,7 @@ use robust::{Coord3D, insphere, orient3d};
 const NO_TET: u32 = u32::MAX;
 /// Number of the far points that enclose all others; the first points.
 const FAR_POINT_COUNT: u32 = 4;
-/// Distance of the far points, half diagonals of the box.
+/// Distance of the far points, half diagonals of the box: spheres through them are nearly planes there.
 const FAR_DISTANCE: f64 = 1e3;
 
 /// Tets of points. Those that have a far corner are left out of [`Delaunay::tets`].

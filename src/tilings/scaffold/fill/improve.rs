@@ -18,7 +18,7 @@ const GOOD_QUALITY: f64 = 0.35;
 const MIN_GAIN: f64 = 1e-4;
 /// Most tets around an edge that is removed.
 const MAX_RING: usize = 9;
-/// Rounds over all tets.
+/// Most rounds over all tets.
 const ROUNDS: usize = 12;
 /// A round with fewer changes than one in so many bad tets is the last.
 const MIN_CHANGE_RATIO: usize = 200;

@@ -23,7 +23,7 @@ const MAX_TURN: f64 = std::f64::consts::PI / 5.0;
 const MAX_PART_LENGTH: f64 = 1.2;
 /// Least distance of nodes on faces, as a share of h.
 const FACE_SPACING: f64 = 0.8;
-/// Least distance of inner nodes from others and from the surface, as shares of h.
+/// Least distance of inner nodes from others (0.87 in the lattice) and from the surface, as shares of h.
 const INNER_SPACING: f64 = 0.7;
 const INNER_DEPTH: f64 = 0.55;
 /// Nodes of faces whose normals have a lesser cosine lie on different sides of the part.
@@ -114,7 +114,7 @@ impl Sizes {
     pub fn new(cell: f64, sources: &[(Vec3, f64)]) -> Self {
         let mut levels: Vec<Vec<Vec3>> = vec![Vec::new(); LEVELS];
         for &(place, size) in sources {
-            // Half powers would grade better, but quarter cells are few.
+            // Rounded down to a power of two of the cell, so that few trees hold all.
             let level = (cell / size).log2().ceil().clamp(0.0, (LEVELS - 1) as f64);
             levels[level as usize].push(place);
         }

@@ -242,7 +242,7 @@ impl Collapsed {
         Net::of(Family::Tensor, 5, |r| self.at_parameters(r).1.determinant())
     }
 
-    /// Mean of det J over the pyramid.
+    /// Mean of det J over the pyramid, weighed by the volume element h^2, whose integral from 0 to 1 is 1/3.
     pub fn mean_determinant(&self) -> f64 {
         let weighed = Net::of(Family::Tensor, 5, |r| {
             self.at_parameters(r).1.determinant() * (1.0 - r.z).powi(2)

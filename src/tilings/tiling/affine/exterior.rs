@@ -54,7 +54,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 // Beyond the band, or beyond the greatest distance in the part, no closest point is needed.
                 let closest = if self.is_cut() {
                     let known = context.region_facts(&buffers.parts[sample.part]);
-                    let radius = w.min(known.max_boundary_distance * (1.0 + 1e-9));
+                    let radius = w.min(known.max_boundary_distance * (1.0 + 1e-9)); // Rounding.
                     known.closest_within(boundary, sample.x, radius)
                 } else {
                     Some(boundary.closest(sample.x))

@@ -93,7 +93,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
         // The cut at the boundary leaves at least the distance to it; without a cut the field is continued alone.
         let (closest, least) = if self.is_cut() {
-            let radius = w.min(known.max_boundary_distance * (1.0 + 1e-9));
+            let radius = w.min(known.max_boundary_distance * (1.0 + 1e-9)); // Rounding.
             let Some(closest) = known.closest_within(boundary, sample.x, radius) else {
                 return Err((!boundary.contains(sample.x)).then_some(w));
             };
