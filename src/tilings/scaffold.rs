@@ -136,7 +136,7 @@ pub enum ScaffoldError {
         /// Cells per axis.
         counts: [usize; 3],
     },
-    /// A ball, cylinder, tube or filled solid without size.
+    /// A ball, cylinder, tube or filled solid without size, or a cell without one.
     #[error("a radius or height of {radius} in cells of {cell}; expected positive lengths")]
     BadRound {
         /// The radius, height or thickness.

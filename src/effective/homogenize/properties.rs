@@ -29,7 +29,7 @@ const FLOW_TOLERANCE: f64 = 1e-5;
 pub struct Settings {
     /// The solid.
     pub solid: Isotropic,
-    /// Conductivity of the solid.
+    /// Conductivity of the solid, in any unit.
     pub kappa: f64,
     /// Moduli and conductivity of the void over those of the solid.
     pub void: f64,
@@ -85,7 +85,7 @@ pub struct Properties {
     pub voxels: [usize; 3],
     /// Share of solid.
     pub volume_fraction: f64,
-    /// Effective stiffness.
+    /// Effective stiffness, in the unit of the solid's moduli.
     pub stiffness: Option<Voigt>,
     /// The engineering constants; `None` where the stiffness is singular.
     pub engineering: Option<EngineeringConstants>,
@@ -95,7 +95,7 @@ pub struct Properties {
     /// In the plane, 11 22 12: a thin sheet.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plane_stress: Option<[[f64; 3]; 3]>,
-    /// Effective conductivity.
+    /// Effective conductivity, in the unit of the solid's.
     pub conductivity: Option<[[f64; 3]; 3]>,
     /// Permeability of the void, reference length squared; `None` without void too.
     pub permeability: Option<[[f64; 3]; 3]>,

@@ -1,4 +1,4 @@
-//! Stiffness matrices in Voigt notation (11 22 33 23 13 12, engineering shear) and engineering constants.
+//! Stiffness matrices in Voigt notation (11 22 33 23 13 12, engineering shear): inverses, rotations, constants.
 //!
 //! All functions are pure and keep the unit of the moduli. Engineering shear is twice the tensor's strain, so that the
 //! energy is half the product of the six stresses and strains.

@@ -1,7 +1,7 @@
 //! One number to make small, and its derivatives by stiffness, conductivity and permeability.
 //!
-//! Properties count by their logarithms, so that the objective of a barely connected solid is steep;
-//! ratios by squares of their differences to those wanted.
+//! Properties count by their logarithms, so that the objective of a barely connected solid is steep; goals, and a
+//! permeability beyond its bounds, by squares of differences, of logarithms for Zener's ratio and the permeability.
 
 use super::target::{Property, Target, UpperBounds};
 use crate::homogenize::{Voigt, compliance, cubic_means};

@@ -1,6 +1,7 @@
 //! L-BFGS with the line search of More and Thuente, from argmin, on a problem of one stage.
 //!
-//! The best connected cell of all evaluations is kept, whatever the optimiser does after it.
+//! The best connected cell of all evaluations is kept, whatever the optimiser does after it. A run that gained is
+//! followed by another from its best point, since a line search fails with a bad quasi-Newton matrix.
 
 use super::InverseError;
 use super::medium::Medium;
@@ -157,7 +158,6 @@ pub fn optimise(
     };
     let mut start = unknowns;
     let mut cost = f64::INFINITY;
-    // A line search that fails has a bad quasi-Newton matrix behind it: a new one may go on.
     loop {
         let _ = run(start);
         let is_over = {

@@ -1,4 +1,4 @@
-//! The functions of a basis at the voxels of a period, one voxel of each orbit under the cell's symmetries.
+//! The functions of a basis at one voxel of each orbit of a period (twelve tets for a tet), mean slopes, projections.
 
 use super::InverseError;
 use crate::homogenize::{Grid, Packing};

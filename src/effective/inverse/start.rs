@@ -1,4 +1,4 @@
-//! Where an optimisation starts: named surfaces, cells, random coefficients.
+//! Where an optimisation starts: named surfaces, cells, random coefficients; and sheets that are known to be good.
 
 use super::InverseError;
 use super::samples::SampledBasis;

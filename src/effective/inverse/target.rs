@@ -1,4 +1,4 @@
-//! What a cell shall be: a property to maximise, ratios to meet, a stiffness to come near to.
+//! What a cell shall be: a property to maximise, ratios to meet, a stiffness to come near to, constraints; its bounds.
 
 use super::InverseError;
 use crate::homogenize::{Bounds, Isotropic, Voigt, compliance, cubic_means, engineering};
@@ -60,7 +60,7 @@ pub struct Target {
     pub min_opening: Option<f64>,
     /// Least permeability of the void, mean over directions, period squared.
     pub min_permeability: Option<f64>,
-    /// Greatest permeability of the void.
+    /// Greatest permeability of the void, likewise.
     pub max_permeability: Option<f64>,
 }
 

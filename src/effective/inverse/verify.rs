@@ -1,4 +1,4 @@
-//! Figures of a finished cell, by voxels that are wholly solid or void, on two grids.
+//! Figures of a finished cell on a grid: properties of wholly solid or void voxels, openings, widths, connectedness.
 //!
 //! Shares of solid in wide interfaces overestimate moduli; sharp voxels keep all bounds.
 

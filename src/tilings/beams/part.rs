@@ -29,7 +29,7 @@ pub struct Plate {
     pub radii: [f64; 3],
 }
 
-/// A beam in the form of its evaluation.
+/// A beam in the form of its evaluation, lengths in world units.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Axis {
     /// The first centre.
@@ -97,7 +97,7 @@ impl Axis {
     }
 }
 
-/// The interior of a plate.
+/// The interior of a plate, lengths in world units.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Slab {
     pub from: Vec3,

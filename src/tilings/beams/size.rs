@@ -1,7 +1,8 @@
 //! Sizes of a network: diameters along its struts, thicknesses over its plates.
 //!
 //! A beam's radius is linear along it. Where the requested diameter is not linear, the strut is bisected, down to an
-//! eighth of its length, until the radius is within the tolerance. A plate is divided into sixteen parts.
+//! eighth of its length, until the radius is within the tolerance; such a plate is divided into sixteen parts. Weights
+//! of cells scale the sizes of their parts.
 
 use super::network::{Facet, Strut, subdivided};
 use super::{Beam, Network, Plate};

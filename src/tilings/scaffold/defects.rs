@@ -1,4 +1,4 @@
-//! Defects between elements of a scaffold: hanging nodes, overlaps, torn and non-manifold faces.
+//! Defects between elements of a scaffold: hanging and unmerged nodes, overlaps, duplicates, torn and shared faces.
 //!
 //! A scaffold with such defects can be built; the report lists them, and only some are errors. Elements in results have
 //! the numbers of their file, nodes their index.

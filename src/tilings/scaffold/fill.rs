@@ -42,7 +42,7 @@ const MAX_NODES: f64 = 2e7;
 /// How a solid is filled.
 #[derive(Clone, Copy, Debug)]
 pub struct FillOptions {
-    /// Length of an edge, about.
+    /// Length of an edge, about, world units.
     pub cell: f64,
     /// 1 for straight tets, 2 for curved ones; without it 2 where the surface is curved.
     pub order: Option<u32>,

@@ -23,7 +23,7 @@ const WALL_ERROR: f64 = 0.002;
 pub(super) struct Normal {
     /// Of unit length.
     pub unit: Vec3,
-    /// Angle of the element at the node.
+    /// Angle of the element at the node, radians.
     pub weight: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The sign of an element's Jacobian over the whole element.
+//! The sign of an element's Jacobian over the whole element, its volume and its quality.
 //!
 //! det J is a polynomial; the signs of its Bernstein coefficients decide, after splitting where they are mixed.
 

@@ -24,7 +24,7 @@ const FULL_WALL: f64 = 0.95;
 pub struct ThinWall {
     /// Number of nodes with walls thinner than 95 % of the thickness.
     pub count: usize,
-    /// The node with the thinnest.
+    /// Place of the node with the thinnest, world units.
     pub place: Vec3,
     /// Its wall as a part of the thickness.
     pub fraction: f64,

@@ -19,11 +19,11 @@ pub(super) struct RegionFacts<'a> {
     pub field_distance: Option<f64>,
     /// Whether the region is so far inside the boundary that the boundary has no effect.
     pub is_deep: bool,
-    /// Bound of the distance to the boundary.
+    /// Bound of the distance to the boundary, world units.
     pub max_boundary_distance: f64,
     /// Boundary triangles that include the closest one, if it is within the band.
     pub boundary_triangles: Option<&'a [u32]>,
-    /// Distances beyond its ends need only their side.
+    /// Distances beyond its ends, world units, need only their side.
     pub wanted: Interval,
     /// The limits of the samples of the lattice, where they differ.
     pub limits: Option<&'a ValueLimits>,

@@ -53,9 +53,9 @@ pub struct Certificate {
     pub range: [f64; 2],
     /// Triangles, then quads, if there are such faces.
     pub kinds: Vec<FaceStatistics>,
-    /// Greatest jump over all faces.
+    /// Greatest jump over all faces, over the field's range.
     pub value_jump_max: f64,
-    /// 99th percentile of the jumps.
+    /// 99th percentile of the jumps, likewise.
     pub value_jump_p99: f64,
     /// 99th percentile of the creases, degrees.
     pub crease_degrees_p99: f64,
@@ -63,7 +63,7 @@ pub struct Certificate {
     pub crease_degrees_max: f64,
     /// The points with the largest jumps of at most five faces, one of each, the worst first.
     pub worst: Vec<Discontinuity>,
-    /// Greatest jump on the faces of each element.
+    /// Greatest jump on the faces of each element, over the field's range.
     pub jump_of_element: Vec<f64>,
     /// Greatest crease on the faces of each element, degrees.
     pub crease_of_element: Vec<f64>,

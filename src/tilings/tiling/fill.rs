@@ -1,4 +1,4 @@
-//! Bulk evaluation of a tiling: bounds decide whole boxes, and an evaluator is chosen for the others.
+//! Bulk evaluation of a tiling by components: bounds decide whole boxes, an evaluator is chosen for the others.
 
 use super::affine::{AffineBuffers, MAX_BATCHED_ELEMENTS};
 use super::boundary::{RegionFacts, within_band};

@@ -1,4 +1,4 @@
-//! The inverse map of a curved element: Newton's method for the continued map, four points at a time.
+//! The inverse map of a curved element: Newton's method for the continued map, four points at a time, and local maps.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 

@@ -14,7 +14,7 @@ use druse_geometry::simd::{self, Lanes, Number, SimdKernel, difference, splat_ve
 /// The expansion of xi(x) about a point: Newton's method for nearby points starts from it.
 #[derive(Clone, Copy)]
 pub(super) struct LocalMap {
-    /// The centre of the expansion.
+    /// The centre of the expansion, world units.
     pub x: Vec3,
     /// Its preimage.
     pub xi: Vec3,

@@ -20,6 +20,7 @@ const MAX_SCALE_FACTOR: f64 = 10.0;
 /// Damping and bounds of the Newton steps in one element.
 #[derive(Clone, Copy)]
 pub(super) struct StepLimits {
+    /// Added to the squared slope, per squared world unit.
     pub damping: f64,
     /// Values with a smaller magnitude count as zeros.
     pub zero_tolerance: f64,
@@ -64,7 +65,6 @@ pub(super) enum InverseJacobians<'a> {
     Each(&'a [Mat3]),
 }
 
-/// Start points of Newton steps.
 pub(super) struct StepStarts<'a> {
     /// World positions.
     pub x: &'a [Vec3],

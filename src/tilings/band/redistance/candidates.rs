@@ -21,12 +21,12 @@ const LANE_INDICES: [f32; 8] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
 /// Coordinates of points, by axis.
 pub(super) type Coordinates<'a> = [&'a [f32]; 3];
 
-/// A cube of samples.
+/// A cube of samples, lengths in voxels.
 #[derive(Clone, Copy)]
 pub(super) struct Cube {
     /// Centre of the cube.
     pub centre: [f32; 3],
-    /// Distance from the centre to the outermost samples along an axis.
+    /// Distance from the centre to the outermost samples along an axis, voxels.
     pub half: f32,
 }
 

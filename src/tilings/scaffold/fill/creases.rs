@@ -16,7 +16,7 @@ const MIN_HEIGHT: f64 = 1e-5;
 pub(super) struct Line {
     /// The points along it; a closed one ends at its first point.
     pub points: Vec<Vec3>,
-    /// The length from the first point to each.
+    /// The length from the first point to each, world units.
     pub lengths: Vec<f64>,
     /// Whether its ends are no corners but one point.
     pub is_closed: bool,

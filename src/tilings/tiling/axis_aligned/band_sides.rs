@@ -17,7 +17,7 @@ const PART_HALF_STEPS: f64 = 2.0;
 /// parts, and those that are outside with all: bit `16 x + 4 y + z`.
 pub(super) struct SidesKernel<'a> {
     pub field: &'a PeriodicField,
-    /// The first sample.
+    /// The first sample, world units, as is `step`.
     pub first: Vec3,
     pub step: f64,
     /// The field is out of the band above the first and below minus the second.

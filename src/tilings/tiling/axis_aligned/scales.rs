@@ -54,7 +54,7 @@ pub(super) struct Scales {
 /// Data of the eight samples of a leaf along one axis.
 #[derive(Clone, Copy)]
 pub(super) struct Axis {
-    /// Coordinate of the first sample; NaN in an unused entry.
+    /// Coordinate of the first sample, world units; NaN in an unused entry.
     pub origin: f64,
     pub along: Along<[f32; 8]>,
     /// Offsets of the nodes in the table.
