@@ -154,7 +154,11 @@ impl<const D: usize> FromStr for Operator<D> {
     }
 }
 
-/// Reads one image such as `-x+2y` into a row.
+/// Greatest factor of an axis: far above those of lattice symmetries, and low enough that `* 10` and sums stay in an i32.
+const MAX_FACTOR: i32 = 1000;
+
+/// Reads one image such as `-x+2y` into a row of zeros. A term without a sign is positive also behind another: `xy` is
+/// `x+y`. `pending` is a sign or factor whose axis has not come yet.
 fn parse_image(image: &str, row: &mut [i32]) -> Result<(), String> {
     let (mut sign, mut factor, mut pending) = (1, None::<i32>, false);
     let mut terms = 0;
@@ -165,7 +169,7 @@ fn parse_image(image: &str, row: &mut [i32]) -> Result<(), String> {
             terms += 1;
         } else if let Some(digit) = c.to_digit(10) {
             let n = factor.unwrap_or(0) * 10 + digit as i32;
-            if n > 1000 {
+            if n > MAX_FACTOR {
                 return Err(format!("the factor in {image:?} is too large"));
             }
             factor = Some(n);

@@ -25,6 +25,9 @@ use std::path::{Path, PathBuf};
 use std::{fs, io};
 use tempfile::{NamedTempFile, PersistError};
 
+/// The buffer of a file: large enough that system calls cost little beside the copying.
+pub(super) const BUFFER_BYTES: usize = 256 << 10;
+
 /// The destination of the bytes until the file is committed: a temporary file with the path of its target, or the
 /// target itself.
 enum Sink {
@@ -41,7 +44,7 @@ pub struct AtomicFile {
     needed: Option<u64>,
     /// Bytes that have been accepted, those in the buffer included.
     written: u64,
-    /// Where the next bytes go.
+    /// Where the next bytes go: after a fault, the answer to seeks.
     position: u64,
     /// The first error of writing. What follows is dropped: writers that end their format when they are dropped (zip)
     /// would meet, and print, further errors.
@@ -52,19 +55,19 @@ impl AtomicFile {
     /// Creates a file for sequential writing.
     ///
     /// # Errors
-    /// [`WriteError::Create`] when the directory is missing or not writable, or the target is a
-    /// directory.
+    /// [`WriteError::Create`] when the directory is missing or not writable, or the target is a directory or has no
+    /// readable name; [`WriteError::Io`] for a full disk.
     pub fn create(path: impl AsRef<Path>) -> Result<Self, WriteError> {
         let shown = path.as_ref().to_owned();
         let sink = match Target::of(&shown)? {
             Target::Regular(target) => {
                 let file = stage(&shown, &target)?;
-                Sink::Staged(BufWriter::with_capacity(1 << 18, file), target)
+                Sink::Staged(BufWriter::with_capacity(BUFFER_BYTES, file), target)
             }
             Target::Special => {
                 let file = OpenOptions::new().write(true).open(&shown);
                 let file = file.map_err(|e| refused(&shown, e.to_string()))?;
-                Sink::Direct(BufWriter::with_capacity(1 << 18, file))
+                Sink::Direct(BufWriter::with_capacity(BUFFER_BYTES, file))
             }
         };
         Ok(Self {
@@ -249,8 +252,7 @@ impl StagedPath {
     /// Reserves a temporary path beside the target.
     ///
     /// # Errors
-    /// [`WriteError::Create`] as for [`AtomicFile::create`], and when the target is not a regular
-    /// file, since the other code may seek.
+    /// As [`AtomicFile::create`], and when the target is not a regular file, since the other code may seek.
     pub fn create(path: impl AsRef<Path>) -> Result<Self, WriteError> {
         let shown = path.as_ref().to_owned();
         match Target::of(&shown)? {
@@ -328,10 +330,11 @@ pub fn require_writable(path: impl AsRef<Path>) -> Result<(), WriteError> {
 /// As [`require_writable`], for files that are made in a directory, which is created.
 ///
 /// # Errors
-/// [`WriteError::Create`] names the directory.
+/// [`WriteError::Create`] names the directory; [`WriteError::Io`] for a full disk.
 pub fn require_directory(path: impl AsRef<Path>) -> Result<(), WriteError> {
     let shown = path.as_ref();
     fs::create_dir_all(shown).map_err(|e| refused(shown, e.to_string()))?;
+    // Any name will do: the temporary file has its own.
     require_writable(shown.join("x")).map_err(|e| match e {
         WriteError::Create { reason, .. } => refused(shown, reason),
         e => e,

@@ -49,7 +49,7 @@ impl FileBeam {
         (0..2).fold(Aabb::EMPTY, |b, n| {
             let (c, r) = (self.ends[n], self.radii[n]);
             let outward = if n == 0 { -direction } else { direction };
-            // The disc at the end; a hemisphere extends it on the outward side.
+            // The half extent of the disc at the end along each axis; a hemisphere extends it on the outward side.
             let disc = direction.map(|a| r * (1.0 - a * a).max(0.0).sqrt());
             let reach = |sign: f64| {
                 Vec3::from_fn(|axis, _| match self.caps[n] {

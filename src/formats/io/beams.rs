@@ -46,10 +46,10 @@ pub fn read_solid(path: impl AsRef<Path>) -> Result<SolidFile, ReadError> {
     })
 }
 
-/// Whether a path is a 3MF file with beams and without triangles.
+/// Whether a path is a 3MF file with beams and without triangles; false for a missing file.
 ///
 /// # Errors
-/// [`ReadError`] for a 3MF that is missing or damaged.
+/// [`ReadError`] for a damaged 3MF.
 pub fn is_strut_file(path: impl AsRef<Path>) -> Result<bool, ReadError> {
     let path = path.as_ref();
     if !is_3mf(path) {

@@ -24,7 +24,7 @@ pub const TEXT_CLOUDS: [&str; 4] = ["xyz", "pts", "csv", "txt"];
 /// Reads a point cloud with normals.
 ///
 /// # Errors
-/// [`ReadError`] for a missing file, an unknown extension, points without normals, or a malformed line.
+/// [`ReadError`] for a missing file, an unknown extension, points without normals, no points, or a malformed line.
 pub fn read_points(path: impl AsRef<Path>) -> Result<PointFile, ReadError> {
     let path = path.as_ref();
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");

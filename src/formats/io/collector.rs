@@ -17,6 +17,9 @@ use druse_tilings::scaffold::{Connectivity, Kind, Scaffold, ScaffoldError, Surfa
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
+/// Greatest number of nodes of an element, that of Hex27.
+pub(super) const MAX_NODES: usize = 27;
+
 /// Collects nodes and elements as a file lists them, by the file's own numbers.
 pub(super) struct Collector<'a> {
     path: &'a Path,
@@ -34,6 +37,7 @@ pub(super) struct Collector<'a> {
     fields: Vec<DataField>,
     /// The number of elements in the file, skipped ones included: the length of cell data.
     pub cells: u64,
+    /// The elements that the reader has left out: points, lines.
     pub skipped: usize,
     /// Remarks of the reader about a valid file.
     pub notes: Vec<String>,
@@ -41,7 +45,7 @@ pub(super) struct Collector<'a> {
     pub warnings: Vec<String>,
 }
 
-/// The number of the first group that has only a name.
+/// The number of the first group that has only a name: far above those in files, so that these groups come last.
 const FIRST_NAMED: i64 = 1 << 40;
 
 impl<'a> Collector<'a> {
@@ -64,7 +68,6 @@ impl<'a> Collector<'a> {
         }
     }
 
-    /// The number of points so far.
     pub fn point_count(&self) -> usize {
         self.points.len()
     }
@@ -113,8 +116,8 @@ impl<'a> Collector<'a> {
     /// Appends an element; `nodes` are the file's numbers in VTK order, `groups` the numbers of its groups.
     pub fn element(&mut self, number: u64, kind: Kind, nodes: &[u64], groups: &[i64]) {
         let place = self.elements.len() as u32;
-        // Placeholders: indices are resolved once all points are known. 27 is the greatest number of nodes.
-        self.elements.push(kind, &[0; 27][..nodes.len()]);
+        // Placeholders: indices are resolved once all points are known.
+        self.elements.push(kind, &[0; MAX_NODES][..nodes.len()]);
         self.element_nodes.extend_from_slice(nodes);
         self.element_numbers.push(number);
         for g in groups {
@@ -155,7 +158,7 @@ impl<'a> Collector<'a> {
             if kind.is_planar() != is_planar {
                 continue;
             }
-            let mut renumbered = [0; 27];
+            let mut renumbered = [0; MAX_NODES];
             for (to, &number) in renumbered.iter_mut().zip(element_nodes) {
                 let place = places.find(number).ok_or_else(|| {
                     ReadError::data(

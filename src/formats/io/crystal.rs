@@ -94,7 +94,7 @@ impl Files for DiskFiles {
     }
 }
 
-/// Greatest size of a script.
+/// Greatest size of a script, 16 MiB: far above any that is written by hand.
 const MAX_SCRIPT_BYTES: u64 = 1 << 24;
 
 /// Reads the text of a script; lines end with a line feed whatever the file has.

@@ -55,9 +55,9 @@ pub(super) fn read(path: &Path, options: &LoadOptions) -> Result<Draft, ReadErro
         let line = line.trim().to_owned();
         let (word, rest) = line.split_once(char::is_whitespace).unwrap_or((&line, ""));
         match word {
-            // A first line other than the header is another kind of file.
             "" => continue,
             "DLFL" if !has_header => {}
+            // A first line other than the header is another kind of file.
             _ if !has_header => {
                 return Err(source.bad(quote(&line), "\"DLFL\" on the first line"));
             }
@@ -248,7 +248,7 @@ pub(super) fn text(mesh: &PolyMesh, library: &str) -> String {
         let _ = writeln!(text, "v {:?} {:?} {:?}", v.x, v.y, v.z);
     }
     text.push_str("#\n");
-    // Half-edges whose opposite has not come yet: vertices, and the corner.
+    // Half-edges whose opposite has not come yet: the corner where each starts, by its two vertices.
     let mut first = BTreeMap::new();
     let mut edges = Vec::new();
     let mut corner = 0u64;
@@ -272,6 +272,7 @@ pub(super) fn text(mesh: &PolyMesh, library: &str) -> String {
     }
     text.push_str("#\n");
     // The same order of corners again, with a material where the group changes.
+    // No group has the number 0.
     let (mut group, mut corner) = (0, 0u64);
     for (face, &face_group) in mesh.faces().iter().zip(mesh.groups()) {
         if face_group != group {

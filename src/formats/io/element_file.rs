@@ -12,7 +12,7 @@ use std::path::Path;
 pub struct Group {
     /// The name, or the number as text if the file has no name.
     pub name: String,
-    /// The indices of the elements in the scaffold, ascending.
+    /// The indices of the elements in the scaffold or surface, ascending.
     pub elements: Vec<u32>,
 }
 
@@ -43,7 +43,7 @@ pub struct DataField {
 pub struct ScaffoldFile {
     /// The solid elements with their nodes; element numbers are those of the file.
     pub scaffold: Scaffold,
-    /// Named sets of elements, in the order of their numbers in the file.
+    /// Sets of elements, in the order of their numbers in the file; those that have only a name come last.
     pub groups: Vec<Group>,
     /// Point and cell data.
     pub fields: Vec<DataField>,
@@ -64,7 +64,7 @@ pub struct ScaffoldFile {
 pub struct SurfaceFile {
     /// The planar elements with their nodes; element numbers are those of the file.
     pub surface: Surface,
-    /// Named sets of elements, in the order of their numbers in the file.
+    /// Sets of elements, in the order of their numbers in the file; those that have only a name come last.
     pub groups: Vec<Group>,
     /// Point and cell data.
     pub fields: Vec<DataField>,

@@ -14,7 +14,7 @@ pub enum ErrorClass {
     Missing,
     /// The input is invalid (65).
     Data,
-    /// The output cannot be created (73).
+    /// The output cannot be created, or the object does not fit its format (73).
     Create,
     /// The system failed while reading or writing (74).
     Io,
@@ -93,7 +93,8 @@ impl ReadError {
         }))
     }
 
-    /// A failure of the system; a nonexistent or unreadable file is of class [`ErrorClass::Missing`].
+    /// A failure of the system: [`ErrorClass::Missing`] for a nonexistent or unreadable file, [`ErrorClass::Data`] for an
+    /// early end and invalid bytes, else [`ErrorClass::Io`].
     pub fn io(path: impl AsRef<Path>, error: io::Error) -> Self {
         use io::ErrorKind::{
             InvalidData, IsADirectory, NotADirectory, NotFound, PermissionDenied, UnexpectedEof,
@@ -204,7 +205,7 @@ pub enum WriteError {
         /// The reason.
         reason: String,
     },
-    /// The output could not be completed; no file exists under its name.
+    /// The output could not be completed; its name keeps what it had, unless only the sync of the folder failed.
     #[error("{}: {error} after {written} bytes{}", path.display(), of_total(*needed))]
     Io {
         /// The output as the user named it.

@@ -11,7 +11,7 @@ use std::io;
 use std::io::Write;
 use std::path::Path;
 
-/// Numbers in a line of a set.
+/// Numbers in a line of a set: Abaqus reads up to 16.
 const SET_COLUMNS: usize = 12;
 
 /// Corners of a cube in the order of C3D8 nodes: the face at low z counter-clockwise, then the one at high z.

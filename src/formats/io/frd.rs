@@ -13,8 +13,9 @@ use druse_geometry::frame::Vec3;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
+/// Columns of a number.
 const NUMBER_WIDTH: usize = 12;
-/// Columns of a block's key, of names, and of the number of a step and its time.
+/// Columns, from 0, of a line's key, of names, and of the number of a step and its time.
 const KEY: Range<usize> = 0..3;
 const NAME: Range<usize> = 5..13;
 const STEP: Range<usize> = 58..63;
@@ -57,7 +58,7 @@ pub struct FrdFile {
 }
 
 impl FrdFile {
-    /// The field of a name in the last step: the name in the file, or that of an output request of `CalculiX`
+    /// The field of a name in the last step that has it: the name in the file, or that of an output request of `CalculiX`
     /// (S, E, U). Case does not matter.
     ///
     /// # Errors
@@ -131,7 +132,7 @@ impl Reader {
         word.parse().map_err(|_| self.bad(what))
     }
 
-    /// Appends the numbers of the current line from a column on, 12 columns each, at most six in a valid line. Empty
+    /// Appends the numbers of the current line from a column on, 12 columns each (valid lines have up to six). Empty
     /// columns are passed.
     fn numbers(&self, start: usize, into: &mut Vec<f64>) -> Result<(), ReadError> {
         let line = self.source.current();
@@ -230,8 +231,7 @@ impl Reader {
         loop {
             self.next()?;
             let line = self.source.current();
-            // Keys of the format: -4 name of the field, -5 a component, -1 a node with numbers, -2 more
-            // numbers of it, -3 the end.
+            // -4 names the field, -5 a component; -2 goes on with the numbers of a node (-1).
             match columns(line, KEY) {
                 b"-4" => {
                     found.name = text(columns(line, NAME)).to_ascii_uppercase();
@@ -289,7 +289,7 @@ impl Reader {
 /// Reads the results of `CalculiX`.
 ///
 /// # Errors
-/// [`ReadError`] with the line, for binary, damaged and truncated files and files of other programs.
+/// [`ReadError`] with the line, for binary, damaged and truncated files, files without nodes and those of other programs.
 pub fn read_frd(path: impl AsRef<Path>) -> Result<FrdFile, ReadError> {
     let path = path.as_ref();
     let mut reader = Reader {

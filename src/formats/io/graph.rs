@@ -17,7 +17,7 @@ use druse_geometry::frame::Vec3;
 use serde::Deserialize;
 use std::path::Path;
 
-/// Greatest size of a file; larger ones are refused unread.
+/// Greatest size of a file, for about a million struts; larger ones are refused unread.
 const MAX_FILE_BYTES: u64 = 64 << 20;
 
 /// The keys of a graph.
@@ -42,8 +42,8 @@ struct GraphText {
 /// with their radii, and both arguments are ignored; its numbers are reference lengths.
 ///
 /// # Errors
-/// [`ReadError`] with the line, edge or face: a missing file, invalid text, a node that does not exist, a part
-/// without radius, a plate that is not flat and convex.
+/// [`ReadError`] with the line, edge or face: a missing file, one of another extension or above 64 MiB, invalid text, no
+/// parts, a node that does not exist, a part without radius or thickness, a plate that is not flat and convex.
 pub fn read_skeleton(
     path: impl AsRef<Path>,
     radius: Option<f64>,
@@ -68,7 +68,8 @@ pub fn read_skeleton_noted(
     Ok((read_text(path, radius, thickness)?, Vec::new()))
 }
 
-/// Number of struts that approximate a beam of varying radius: a strut has one radius.
+/// Number of struts that approximate a beam of varying radius: a strut has one radius, here wrong by at most 1/16 of the
+/// difference of the ends.
 const STRUTS_PER_CONE: usize = 8;
 
 /// The beams of a 3MF as struts, and a note for each kind of content that struts cannot represent.
@@ -81,7 +82,7 @@ fn read_beams(path: &Path) -> Result<(Skeleton, Vec<String>), ReadError> {
     for (n, beam) in beams.enumerate() {
         let [a, b] = beam.ends;
         let [r, s] = beam.radii;
-        // Struts have one radius: a cone becomes several, each with the radius of its middle.
+        // A cone becomes several struts, each with the radius of its middle.
         let struts = if r == s { 1 } else { STRUTS_PER_CONE };
         varying += usize::from(r != s);
         butt_caps += beam.caps.iter().filter(|c| **c == BeamCap::Butt).count();

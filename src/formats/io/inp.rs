@@ -41,7 +41,7 @@ const MAX_INCLUDE_DEPTH: usize = 8;
 const MAX_FILES: usize = 1000;
 /// Greatest number of data lines of `*SYSTEM`, `*NCOPY` and `*INSTANCE`.
 const MAX_ROWS: usize = 8;
-/// Skipped keywords that a note names.
+/// Greatest number of skipped keywords that a note names.
 const NAMED_KEYWORDS: usize = 8;
 
 /// The meaning of the data lines after a keyword.
@@ -51,7 +51,7 @@ enum Section {
     /// Data without effect on geometry.
     Ignored,
     Nodes(Coordinates, Option<String>),
-    /// The possible kinds, which differ in their number of nodes, and a set.
+    /// The possible kinds, by ascending number of nodes, and a set.
     Elements(&'static [Kind], Option<String>),
     /// Elements of this type without volume or surface, and a set.
     NonVolume(String, Option<String>),
@@ -286,7 +286,7 @@ impl Deck<'_> {
 
     /// Reads a data line by the section that it stands in. Lines of keywords without effect on geometry are dropped.
     fn data(&mut self, line: &str, source: &Source) -> Result<(), ReadError> {
-        // The section is restored below; an error ends the reading.
+        // Taken out, since its arms change the deck, and restored below; an error ends the reading.
         let section = std::mem::replace(&mut self.section, Section::Ignored);
         match &section {
             Section::Ignored => {}
@@ -304,7 +304,7 @@ impl Deck<'_> {
                 for (c, word) in at.iter_mut().zip(&words[1..]) {
                     *c = real(word, "a coordinate", source)?;
                 }
-                // Local coordinates first, then the system of `*SYSTEM`.
+                // Missing coordinates are 0. Local coordinates come first, then the system of `*SYSTEM`.
                 let local = coordinates.point(at);
                 let at = self.system.map_or(local, |s| s.apply(local));
                 let model = self.model();

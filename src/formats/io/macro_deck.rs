@@ -16,15 +16,15 @@ use std::io;
 use std::io::Write;
 use std::path::Path;
 
-/// Distance from a side of the box at which a node is on it, over the size of the box.
+/// Distance from a side of the box at which a node is on it, over the diagonal of the box.
 const SIDE_TOLERANCE: f64 = 1e-6;
 /// Difference of frames that counts as rounding.
 const FRAME_TOLERANCE: f64 = 1e-9;
-/// Greatest length of a name.
+/// Greatest length of a name; endings are added to it, and Abaqus takes 80 characters.
 const MAX_NAME_LENGTH: usize = 60;
-/// Numbers in a line of a material.
+/// Numbers in a line of a material: Abaqus takes eight.
 const MATERIAL_COLUMNS: usize = 8;
-/// Node numbers in a line of an element.
+/// Node numbers in a line of an element: Abaqus takes 16 numbers, the element's among them.
 const ELEMENT_COLUMNS: usize = 15;
 
 /// Rows and columns of a stiffness (11 22 33 23 13 12) in the order of `*ELASTIC, TYPE=ANISO`.
@@ -79,11 +79,12 @@ const TET_MIRROR: [u8; 10] = [0, 2, 1, 3, 6, 5, 4, 7, 9, 8];
 pub struct DeckClass {
     /// The name of the element set; that of the material follows from it.
     pub name: String,
-    /// Stiffness over 11 22 33 23 13 12 with engineering shear, in the elements' frames.
+    /// Stiffness over 11 22 33 23 13 12 with engineering shear, in the elements' frames; force per area in
+    /// the deck's units.
     pub stiffness: [[f64; 6]; 6],
     /// Mass per volume in the deck's units.
     pub density: Option<f64>,
-    /// A line about the material.
+    /// A line about the material, a comment in the deck.
     pub note: String,
 }
 
@@ -263,7 +264,6 @@ impl ElementDeck<'_> {
             let is_on = |n: usize| (points[n][axis] - place).abs() <= SIDE_TOLERANCE * size;
             let nodes = used.iter().filter(|&&n| is_on(n)).map(|&n| n as u64 + 1);
             write_set(out, "NSET", name, &nodes.collect::<Vec<_>>())?;
-            // An outer face belongs to a side if all its corners do.
             let on_side = outer.iter().filter(|f| {
                 let e = f.element as usize;
                 let nodes = self.scaffold.connectivity().nodes(e);
@@ -349,7 +349,6 @@ impl ElementDeck<'_> {
             writeln!(out, "** {}", class.note)?;
             writeln!(out, "*MATERIAL, NAME={name}_MATERIAL")?;
             writeln!(out, "*ELASTIC, TYPE=ANISO")?;
-            // The 21 constants in the order of the format, eight per line.
             let constants = ANISOTROPIC.map(|(i, j)| format!("{:.9e}", class.stiffness[i][j]));
             for line in constants.chunks(MATERIAL_COLUMNS) {
                 writeln!(out, "{}", line.join(", "))?;

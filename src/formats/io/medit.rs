@@ -4,12 +4,12 @@
 //! Elements are numbered in file order from 1. Medit's node order is that of VTK, also for second-order
 //! tetrahedra and triangles. Programs disagree on the face nodes of other second-order elements, so these are
 //! refused. Two-dimensional points lie at z = 0. Unknown keywords in text are an error, since the length of
-//! their data is unknown.
+//! their data is unknown; in binary they are skipped with a note.
 
 mod input;
 mod table;
 
-use super::collector::Collector;
+use super::collector::{Collector, MAX_NODES};
 use super::element_file::ElementFile;
 use super::error::{Place, ReadError};
 use super::source::quote;
@@ -80,6 +80,7 @@ impl File<'_> {
             Meaning::Vertices => self.vertices()?,
             Meaning::Element(kind) => self.elements(name, kind)?,
             Meaning::Lines => {
+                // Two nodes and a reference number at least.
                 self.collector.skipped += self.input.count(3, name)?;
                 self.input.skip_section()?;
             }
@@ -129,7 +130,7 @@ impl File<'_> {
 
     /// Reads the elements of the section `name`: node numbers from 1 and a reference number, which is the group.
     fn elements(&mut self, name: &str, kind: Kind) -> Result<(), ReadError> {
-        let mut nodes = [0; 27];
+        let mut nodes = [0; MAX_NODES];
         let own = &mut nodes[..kind.node_count()];
         let count = self.input.count(own.len() as u64 + 1, name)?;
         for _ in 0..count {

@@ -160,6 +160,7 @@ pub(super) fn read_soup(path: &Path) -> Result<Soup, ReadError> {
         }
         "usda" => match usda::read_soup(path)? {
             Some(soup) => Ok(soup),
+            // The layer has elements.
             None => outer_faces::soup(path, &read_elements(path)?),
         },
         other if ELEMENT_FORMATS.contains(&other) => outer_faces::soup(path, &read_elements(path)?),
@@ -292,6 +293,7 @@ pub fn write_mesh<'a>(
         MeshFormat::Ply => AtomicFile::create(path)?.expecting(ply::size(mesh, unit)),
         MeshFormat::Obj => AtomicFile::create(path)?,
     };
+    // Writers of streams take `&mut`: they get a copy of the view, which has no state.
     let written = match format {
         MeshFormat::Stl => stl::write(&mut file, mesh, unit),
         MeshFormat::Ply => ply::write(&mut file, &mut { *mesh }, unit),

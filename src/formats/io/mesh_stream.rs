@@ -4,7 +4,7 @@
 //! spooled to unnamed temporary files in the output directory and merged at the end. A stream that is not committed
 //! leaves no file.
 
-use super::atomic::AtomicFile;
+use super::atomic::{AtomicFile, BUFFER_BYTES};
 use super::error::WriteError;
 use super::mesh_format::MeshFormat;
 use super::mesh_view::{Faces, Rows, VisitVertex};
@@ -23,9 +23,9 @@ pub struct MeshPart<'a> {
     pub vertices: &'a [Vec3],
     /// The number of new vertices, which continue the numbering of the whole mesh.
     pub owned: usize,
-    /// Faces over the vertices of the part, counter-clockwise seen from outside.
+    /// Faces over the vertices of the part, counter-clockwise seen from outside; STL is written from these.
     pub faces: Faces<'a>,
-    /// The same faces with vertex numbers of the whole mesh.
+    /// The same faces with vertex numbers of the whole mesh, for the other formats.
     pub numbered: Faces<'a>,
     /// The attributes of the new vertices, vertex by vertex, one number per attribute name of the file.
     pub numbers: &'a [f32],
@@ -98,7 +98,6 @@ impl MeshStream {
                 "quadrilaterals; expected .ply or .obj for them",
             ));
         }
-        // STL has triangles only and needs no spool.
         let backend = if format == MeshFormat::Stl {
             Backend::Stl(StlStream::create(path, unit)?)
         } else {
@@ -160,6 +159,7 @@ impl MeshStream {
         let written = match format {
             MeshFormat::Obj => obj::write(&mut file, &mut rows, self.unit),
             MeshFormat::ThreeMf => threemf::write(&mut file, &mut rows, self.unit),
+            // STL has no spool.
             MeshFormat::Ply | MeshFormat::Stl => ply::write(&mut file, &mut rows, self.unit),
         };
         written.map_err(|e| file.failed(e))?;
@@ -188,7 +188,7 @@ impl Spool {
                 path: path.to_owned(),
                 reason: format!("no spool in {}: {e}", directory.display()),
             })?;
-            Ok(BufWriter::with_capacity(1 << 18, file))
+            Ok(BufWriter::with_capacity(BUFFER_BYTES, file))
         };
         Ok(Self {
             vertices: file()?,
@@ -200,7 +200,7 @@ impl Spool {
         })
     }
 
-    /// Bytes that the spool holds.
+    /// Bytes that the spool holds: numbers of 8 and 4 bytes, as [`Spool`] has them.
     fn bytes(&self) -> u64 {
         (24 + 4 * self.names.len() as u64) * self.counts[0]
             + 4 * self.corners as u64 * self.counts[1]
@@ -235,7 +235,7 @@ impl Spool {
         let reopened = |file: BufWriter<File>| {
             let mut file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
             file.seek(SeekFrom::Start(0))?;
-            Ok::<_, io::Error>(BufReader::with_capacity(1 << 18, file))
+            Ok::<_, io::Error>(BufReader::with_capacity(BUFFER_BYTES, file))
         };
         Ok(SpooledRows {
             vertices: reopened(self.vertices)?,

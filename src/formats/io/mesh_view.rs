@@ -1,7 +1,7 @@
 //! Borrowed meshes for the writers: vertices, triangles or quads, vertex attributes.
 //!
-//! Writers take any `Rows`: a view in memory, or files that were filled part by part. Nothing is copied; a factor
-//! scales coordinates while they are written.
+//! The writers of PLY, OBJ and 3MF take any `Rows`: a view in memory, or files that were filled part by part; that of
+//! STL takes a view. Nothing is copied; a factor scales coordinates while they are written.
 
 use druse_geometry::frame::Vec3;
 use druse_geometry::mesh::{QuadMesh, TriMesh};
@@ -10,7 +10,7 @@ use std::io;
 /// A visitor of a vertex and its attributes.
 pub(super) type VisitVertex<'a> = dyn FnMut(Vec3, &[f32]) -> io::Result<()> + 'a;
 
-/// The input of mesh writers, read once: vertices, then faces.
+/// The input of mesh writers, which read it once: vertices, then faces.
 pub(super) trait Rows {
     /// The numbers of vertices and faces.
     fn counts(&self) -> [u64; 2];

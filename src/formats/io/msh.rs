@@ -1,7 +1,7 @@
 //! Gmsh meshes, `.msh` 1, 2, 4.0 and 4.1, text and binary.
 //!
 //! Solid elements are read in VTK node order, or the surface elements of a file without solids; points and
-//! lines are counted and skipped. Physical volumes and surfaces become groups, data at nodes and elements
+//! lines, and surface elements beyond second order, are counted and skipped. Physical volumes and surfaces become groups, data at nodes and elements
 //! become fields. Other sections (periodic links, ghost elements, comments) do not affect the shape and are
 //! ignored.
 
@@ -12,7 +12,7 @@ mod write;
 
 pub use write::write_msh;
 
-use super::collector::Collector;
+use super::collector::{Collector, MAX_NODES};
 use super::element_file::ElementFile;
 use super::error::{Place, ReadError};
 use super::source::{Source, quote};
@@ -95,7 +95,7 @@ enum Type {
     Skipped(usize),
 }
 
-/// The offset of the numbers of surface groups: surfaces and volumes may have the same numbers.
+/// The offset of the numbers of surface groups: surfaces and volumes may have the same numbers, of 32 bits in files.
 const SURFACE_GROUP_OFFSET: i64 = 1 << 32;
 
 /// The unique number of a physical group of dimension 2 or 3, from its number in the file.
@@ -171,7 +171,7 @@ pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
 struct File<'a> {
     tokens: Tokens,
     collector: Collector<'a>,
-    /// Names of physical groups by dimension and number.
+    /// Names of physical groups by [`group_of`].
     names: BTreeMap<i64, String>,
     /// Physical groups of entities.
     entities: v4::Entities,
@@ -275,7 +275,7 @@ impl File<'_> {
         self.collector.point(number, at);
     }
 
-    /// Builds the result from all sections.
+    /// Builds the result from all sections. Data at elements come last: only the result has its elements' numbers.
     fn finish(mut self) -> Result<ElementFile, ReadError> {
         self.data
             .at_points(&self.point_numbers, &mut self.collector);
@@ -406,7 +406,7 @@ impl File<'_> {
 
     /// Adds an element with nodes in Gmsh order, in physical groups of its own dimension.
     fn add_element(&mut self, number: u64, kind: Kind, nodes: &[u64], groups: &[i64]) {
-        let mut ordered = [0; 27];
+        let mut ordered = [0; MAX_NODES];
         for (to, &from) in ordered.iter_mut().zip(kind.gmsh_order()) {
             *to = nodes[from as usize];
         }

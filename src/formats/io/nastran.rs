@@ -56,7 +56,9 @@ struct Deck<'a> {
     elements: HashMap<u64, u64>,
     /// The numbers of added mid nodes by the end nodes of their edges.
     missing_mid_nodes: HashMap<[u64; 2], u64>,
+    /// Cards that repeat an earlier one.
     repeated: usize,
+    /// Skipped cards by name, with their counts.
     skipped: BTreeMap<String, usize>,
     has_begun: bool,
     has_ended: bool,
@@ -65,7 +67,6 @@ struct Deck<'a> {
 }
 
 impl<'a> Deck<'a> {
-    /// An empty deck; `path` is for errors.
     fn new(path: &'a Path) -> Self {
         Self {
             path,

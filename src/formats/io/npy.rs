@@ -22,8 +22,10 @@ pub struct NpyArray {
 const MAX_AXES: usize = 8;
 /// Greatest size of the header.
 const MAX_HEADER_BYTES: usize = 1 << 16;
-/// Greatest number of elements of an array.
+/// Greatest number of elements of an array: 8 GiB in memory.
 const MAX_NUMBERS: u64 = 1 << 30;
+/// Numbers that are read at a time: beside the array only a small buffer of bytes is in memory.
+const BLOCK: usize = 1 << 16;
 
 /// Reads an array of little-endian f4 or f8, bool or u1, in C or Fortran order. Bools become 0 and 1.
 ///
@@ -83,13 +85,13 @@ pub fn read_npy(path: impl AsRef<Path>) -> Result<NpyArray, ReadError> {
     };
     let count = source.count(total, size as u64, "numbers")?;
     let mut read = Vec::with_capacity(count);
-    let mut buffer = vec![0; size * (1 << 16)];
-    // In blocks: beside the numbers only a small buffer of bytes is in memory.
+    let mut buffer = vec![0; size * BLOCK];
     while read.len() < count {
-        let bytes = size * (count - read.len()).min(1 << 16);
+        let bytes = size * (count - read.len()).min(BLOCK);
         source.exact(&mut buffer[..bytes], "the array's numbers")?;
         read.extend(buffer[..bytes].chunks_exact(size).map(number));
     }
+    // The end of a pipe, which has no size, is not checked.
     if source.remaining() > 0 && source.size() != u64::MAX {
         let found = format!("{} bytes after the array", source.remaining());
         return Err(source.bad_byte(found, "the end of the file"));

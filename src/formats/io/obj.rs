@@ -203,7 +203,7 @@ fn vertex<'a>(
     soup: &mut Soup,
     annotations: &mut Annotations,
 ) -> Result<(), ReadError> {
-    let mut numbers = [0.0; 7];
+    let mut numbers = [0.0; 6];
     let mut count = 0;
     // Reading ends at a comment or the first word that is no number in range.
     for word in words.take_while(|w| w[0] != b'#') {
@@ -211,7 +211,7 @@ fn vertex<'a>(
             break;
         };
         if let Some(place) = numbers.get_mut(count) {
-            // Numbers beyond the seventh are only counted.
+            // Numbers beyond the sixth are only counted.
             *place = x;
         }
         count += 1;
@@ -224,7 +224,7 @@ fn vertex<'a>(
     }
     soup.vertices
         .push(Vec3::new(numbers[0], numbers[1], numbers[2]));
-    // Three further numbers are a colour; a single one is a weight, which only free forms use.
+    // The fourth to sixth are a colour; a fourth alone is a weight, which only free forms use.
     if count >= 6 {
         annotations
             .vertex_colors

@@ -120,6 +120,7 @@ pub(super) fn read(source: Source) -> Result<Soup, ReadError> {
         return Err(lines.source.bad("the end of the file", expected));
     }
     let first: Vec<Vec<u8>> = words(lines.text()).map(<[u8]>::to_vec).collect();
+    // `keyword` ignores case, and N alone means normals.
     let dimension = first[0] == b"nOFF" || first[0] == b"4nOFF";
     let refused = match keyword(&first[0]) {
         _ if dimension => Some("vertices of any dimension (nOFF)"),
@@ -154,10 +155,10 @@ pub(super) fn read(source: Source) -> Result<Soup, ReadError> {
     let max = f64::from(u32::MAX);
     let what = "the numbers of vertices, faces and edges";
     let vertices = lines.count(what, max)?;
-    let apart = lines.at == lines.numbers.len();
+    let on_own_lines = lines.at == lines.numbers.len();
     let faces = lines.count(what, max)?;
-    // Some writers leave out the number of edges, which is not needed.
-    if apart || lines.at < lines.numbers.len() {
+    // Some writers leave out the number of edges, which is not needed; where each count has its line it is there.
+    if on_own_lines || lines.at < lines.numbers.len() {
         lines.count(what, f64::INFINITY)?;
     }
     content(lines, vertices, faces)
@@ -167,7 +168,7 @@ pub(super) fn read(source: Source) -> Result<Soup, ReadError> {
 /// caller.
 fn content(mut lines: Lines, vertices: u64, faces: u64) -> Result<Soup, ReadError> {
     let mut soup = Soup::default();
-    // Three digits with a separator each; a face needs at least two.
+    // Three digits with separators between; a face needs two.
     let pending_numbers = (lines.numbers.len() - lines.at) as u64;
     lines
         .source

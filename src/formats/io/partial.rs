@@ -16,7 +16,7 @@ use tempfile::{Builder, NamedTempFile, TempDir};
 
 /// The word in the name of every partial file.
 const PARTIAL: &str = "partial";
-/// Greatest number of bytes of the target's name in that of its partial file.
+/// Greatest number of bytes of the target's name in that of its partial file: systems allow 255 in all.
 const MAX_NAME_BYTES: usize = 128;
 /// Characters of each half of a machine's name.
 const HASH_CHARS: usize = 8;
@@ -190,6 +190,7 @@ fn machine_of(name: &str) -> Option<(&str, &str)> {
     let is_hash = |text: &str| {
         text.len() == HASH_CHARS && text.bytes().all(|b| b"0123456789abcdef".contains(&b))
     };
+    // `tempfile` makes six random characters.
     let is_random = random.len() == 6 && random.bytes().all(|b| b.is_ascii_alphanumeric());
     (is_extension && is_random && is_hash(host) && is_hash(start)).then_some((host, start))
 }

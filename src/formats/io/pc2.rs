@@ -11,6 +11,7 @@ use std::path::Path;
 
 const MAGIC: &[u8; 12] = b"POINTCACHE2\0";
 const HEAD_BYTES: u64 = 32;
+
 /// The head of a point cache; samples are read when they are needed.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Pc2 {

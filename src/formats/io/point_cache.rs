@@ -95,7 +95,7 @@ impl PointCache {
     /// The points of a sample (from 0), in the file's unit, in the order of the mesh.
     ///
     /// # Errors
-    /// [`ReadError`] if the file cannot be read, or a coordinate is not finite.
+    /// [`ReadError`] if the file cannot be read, or a coordinate is not finite or beyond 1e18.
     pub fn read(&self, sample: usize) -> Result<Vec<Vec3>, ReadError> {
         let points = match &self.samples {
             Samples::Pc2(cache) => cache.read(&self.path, sample)?,

@@ -3,7 +3,7 @@
 
 use druse_geometry::frame::Vec3;
 
-/// Greatest number of corners of a polygon that is tested for a fan from each corner.
+/// Greatest number of corners of a polygon that is tested for a fan from each corner: the cost grows with its square.
 const MAX_FAN_SEARCH_CORNERS: usize = 32;
 
 /// Triangulates a polygon of at least three corners into `out`: a quad along the diagonal that keeps both triangles
@@ -63,7 +63,8 @@ fn triangulate_in_plane(polygon: &[u32], vertices: &[Vec3], normal: Vec3) -> Opt
     });
     let mut corners: Vec<usize> = Vec::new();
     earcut::Earcut::new().earcut(projected, &[], &mut corners);
-    // Signed area of the triangles. It equals that of the polygon only if the triangles cover it without overlap.
+    // Signed area of the triangles, twice as in `normal`. It equals that of the polygon, up to rounding, only if the
+    // triangles cover it without overlap.
     let area: f64 = corners
         .chunks_exact(3)
         .map(|t| {

@@ -78,8 +78,8 @@ impl Draft {
             .collect();
     }
 
-    /// Builds the mesh: drops vertices without a face; welds vertices, closes holes and flips, as the options request.
-    /// `path` is for messages.
+    /// Builds the mesh: welds vertices, drops those without a face, closes holes and flips; all but the second only as
+    /// the options request. `path` is for messages.
     pub(super) fn finish(
         mut self,
         path: &Path,
@@ -175,7 +175,7 @@ impl Draft {
         self.vertices = kept;
     }
 
-    /// Merges vertices nearer than a distance into the first of them, and coinciding corners of faces. Faces that have
+    /// Merges each vertex into an earlier one that is nearer than a distance, and coinciding corners of faces. Faces that have
     /// fewer than three corners then are left out; their vertices stay.
     fn weld(&mut self, distance: f64) {
         let cell = |p: &Vec3| [p.x, p.y, p.z].map(|c| (c / distance).floor() as i64);

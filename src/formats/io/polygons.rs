@@ -63,15 +63,15 @@ impl Soup {
 
     /// Adds the triangles of a strip, which alternate in orientation; returns their number. A strip of n corners has
     /// n - 2.
-    pub fn push_strip(faces: &mut Faces, push_strip: &[u32]) -> usize {
-        for (i, t) in push_strip.windows(3).enumerate() {
+    pub fn push_strip(faces: &mut Faces, strip: &[u32]) -> usize {
+        for (i, t) in strip.windows(3).enumerate() {
             faces.push(if i % 2 == 0 {
                 [t[0], t[1], t[2]]
             } else {
                 [t[1], t[0], t[2]]
             });
         }
-        push_strip.len().saturating_sub(2)
+        strip.len().saturating_sub(2)
     }
 
     /// Checks that every corner is a vertex of the file.

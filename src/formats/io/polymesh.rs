@@ -42,10 +42,10 @@ pub fn read_polymesh(path: impl AsRef<Path>, options: &LoadOptions) -> Result<Lo
 }
 
 /// Writes a polygon mesh, each file atomically; returns their size in bytes. An `.obj` or `.dlfl` comes with an `.mtl`
-/// of the same name that has a colour for each group.
+/// of the same name that has a colour for each group; `.stl`, `.ply` and `.3mf` take triangles, in the default unit.
 ///
 /// # Errors
-/// [`WriteError`] for an unknown extension or a path that cannot be written.
+/// [`WriteError`] for an unknown extension, a path that cannot be written, or polygons without triangles where needed.
 pub fn write_polymesh(path: impl AsRef<Path>, mesh: &PolyMesh) -> Result<u64, WriteError> {
     let path = path.as_ref();
     let text = match extension(path).as_str() {

@@ -9,8 +9,8 @@ use std::path::Path;
 /// Reads the elements of a file by its extension, one of [`ELEMENT_FORMATS`].
 ///
 /// # Errors
-/// When the file cannot be read, is damaged, or contains solid elements without a
-/// [`Kind`](druse_tilings::scaffold::Kind).
+/// For another extension, and when the file cannot be read, is damaged, has no elements, or contains solid elements
+/// without a [`Kind`](druse_tilings::scaffold::Kind).
 pub fn read_elements(path: impl AsRef<Path>) -> Result<ElementFile, ReadError> {
     let path = path.as_ref();
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase());

@@ -24,7 +24,9 @@ pub struct Source {
     /// The unread range of the buffer.
     start: usize,
     end: usize,
+    /// The offset of the next byte in the file.
     byte: u64,
+    /// The number of the current line, from 1.
     line: u64,
     /// The range of the current line in the buffer.
     current: Range<usize>,
@@ -81,7 +83,7 @@ impl Source {
         })
     }
 
-    /// The file's path.
+    /// The path that was opened.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -340,7 +342,7 @@ impl Source {
         }
     }
 
-    /// The number of the current line, from 1.
+    /// The number of the current line, from 1; 0 before the first.
     pub fn line_number(&self) -> u64 {
         self.line
     }
@@ -364,7 +366,7 @@ impl Source {
     /// and against 32 bits.
     ///
     /// # Errors
-    /// When the file is too short for the count.
+    /// When the file is too short for the count, or the count beyond 32 bits.
     pub fn count(&self, claimed: u64, min_bytes: u64, what: &str) -> Result<usize, ReadError> {
         let room = self.remaining() / min_bytes.max(1);
         if claimed > room || claimed > u64::from(u32::MAX) {

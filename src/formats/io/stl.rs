@@ -23,12 +23,13 @@ use std::path::{Path, PathBuf};
 const HEADER_BYTES: u64 = 84;
 /// Size of a triangle.
 const TRIANGLE_BYTES: u64 = 50;
-/// Number of triangles read or written at once.
+/// Number of triangles read or written at once, about 100 kB.
 const BATCH_TRIANGLES: usize = 1 << 11;
 
 /// Reads binary or text STL.
 pub(super) fn read(mut source: Source) -> Result<MeshFile, ReadError> {
     let size = source.size();
+    // Keywords of text stand within its first lines.
     let head = source.peek(4096)?;
     let claimed = head
         .get(80..84)

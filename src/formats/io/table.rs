@@ -75,8 +75,8 @@ pub fn read_columns(path: &Path, text: &str, names: &[&str]) -> Result<Vec<Vec<f
     Ok(rows.into_iter().map(|(_, row)| row).collect())
 }
 
-/// Columns x, y, z and one more of a table. Coordinates are finite; a value may be missing: an empty word, NA,
-/// NaN or an infinity.
+/// Columns x, y, z and one more of a table. Coordinates are finite; a value may be missing: an empty word, NA, n/a,
+/// null, a dash, NaN or an infinity.
 ///
 /// # Errors
 /// As [`read_columns`].

@@ -43,12 +43,12 @@ const IDENTITY_PLACEMENT: Placement = [
 
 /// The composition of placements: first `inner`, then `outer`.
 fn compose(inner: &Placement, outer: &Placement) -> Placement {
-    let rotate = |v: Vec3| outer[0] * v.x + outer[1] * v.y + outer[2] * v.z;
+    let linear = |v: Vec3| outer[0] * v.x + outer[1] * v.y + outer[2] * v.z;
     [
-        rotate(inner[0]),
-        rotate(inner[1]),
-        rotate(inner[2]),
-        rotate(inner[3]) + outer[3],
+        linear(inner[0]),
+        linear(inner[1]),
+        linear(inner[2]),
+        linear(inner[3]) + outer[3],
     ]
 }
 

@@ -2,13 +2,13 @@
 //!
 //! Nodes (datasets 15, 781, 2411), elements (780, 2412) and groups (eight numbers from 2417 to 2477) are read; units
 //! (164) produce a note. Old elements (71, 2410) are refused, other datasets ignored; lines, springs and masses are
-//! counted and skipped. Where no group has elements each property makes one.
-//! Second-order elements alternate corners and mids. A dataset is a line of -1, its number, records and a line of
-//! -1; records are read by words, not by columns.
+//! counted and skipped. Where no group has elements each physical property from 1 on makes one. Coordinate systems are
+//! ignored in 781 and 2411; dataset 15 takes the global one only. Second-order elements alternate corners and mids. A
+//! dataset is a line of -1, its number, records and a line of -1; records are read by words, not by columns.
 
 mod table;
 
-use super::collector::Collector;
+use super::collector::{Collector, MAX_NODES};
 use super::element_file::{ElementFile, KINDS_READ};
 use super::error::{Place, ReadError};
 use super::number;
@@ -20,7 +20,7 @@ use table::{BEAM_TYPES, ELEMENT_TYPES, LINE_TYPES};
 /// Reads a universal file.
 ///
 /// # Errors
-/// When the file cannot be read, is damaged, or contains unsupported kinds of solids.
+/// When the file cannot be read, is damaged, or contains elements of unsupported kinds.
 pub fn read(path: &Path) -> Result<ElementFile, ReadError> {
     let mut file = File {
         source: Source::open(path)?,
@@ -60,7 +60,7 @@ struct File<'a> {
     collector: Collector<'a>,
     /// The index of each element by number.
     places: HashMap<u64, u32>,
-    /// The physical property of each element.
+    /// The physical property of each element; 0 for none.
     properties: Vec<u64>,
     /// Name and element numbers.
     groups: Vec<(String, Vec<u64>)>,
@@ -243,11 +243,12 @@ impl File<'_> {
             let found = "a second element of this number";
             return Err(ReadError::data(path, place, found, "every number once"));
         }
-        // From corners and mid nodes in turn to the order of VTK.
-        let mut ordered = [0; 27];
+        // From corners and mid nodes in turn to the order of VTK; an empty `order` (linear kinds) keeps the file's.
+        let mut ordered = [0; MAX_NODES];
         for (i, to) in ordered.iter_mut().take(nodes.len()).enumerate() {
             *to = nodes[order.get(i).map_or(i, |&o| usize::from(o))];
         }
+        // `finish` adds the groups: they may follow the elements. A property below 1 makes none.
         self.collector
             .element(number, *kind, &ordered[..nodes.len()], &[]);
         self.properties.push(u64::try_from(property).unwrap_or(0));

@@ -1,7 +1,7 @@
 //! USD as text (`.usda`): tets of `TetMesh` prims, else the polygons of `Mesh` prims, placed by their transforms.
 //!
 //! A file is one flat layer; composition of layers is refused with the command that flattens it. Invisible prims and
-//! those for guides and proxies are left out. Subsets become groups, primvars at points or elements fields, and
+//! those for guides and proxies are left out. Meshes and subsets become groups, primvars at points or elements fields, and
 //! `velocities` a field too. Without a frame, values are the default ones, else those of the first time sample.
 //! Lengths are as in the file; a note states its unit.
 //!
@@ -24,7 +24,7 @@ mod text;
 struct Geometry {
     solids: Vec<Part>,
     surfaces: Vec<Part>,
-    /// Prims that are left out.
+    /// Meshes that are invisible, guides or proxies themselves, and are left out.
     hidden: usize,
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Files are untrusted, so every count is checked before use. Druse uses VTK's node order. Voxels (cell type
 //! 11) become Hex8, pixels (8) become Quad4; Lagrange cells of order 1 and 2 become the kinds of the same
-//! number of nodes; polygons and triangle strips of a grid become triangles. The content of a file, not its
+//! number of nodes; polygons and triangle strips of a grid become triangles and quads. The content of a file, not its
 //! extension, decides between grid and polygons. Point and cell data become fields.
 
 mod legacy;
@@ -15,7 +15,7 @@ pub use legacy::read as read_legacy;
 pub use write::{write_vtu, write_vtu_edges, write_vtu_fields};
 pub use xml::read as read_xml;
 
-use super::collector::Collector;
+use super::collector::{Collector, MAX_NODES};
 use super::element_file::ElementFile;
 use super::error::{Place, ReadError};
 use super::polygons::Soup;
@@ -140,7 +140,7 @@ impl Cells<'_> {
                 return Err(bad(found, "faces of degree 2".into())
                     .with_hint("write the pyramids with 13 or 14 nodes"));
             }
-            let mut nodes = [0; 27];
+            let mut nodes = [0; MAX_NODES];
             for (to, &place) in nodes.iter_mut().zip(order) {
                 // A negative number becomes one that no node has.
                 *to = u64::try_from(own[usize::from(place)]).map_or(u64::MAX, |n| first_point + n);
@@ -164,6 +164,7 @@ impl Cells<'_> {
         let size = size.fold(0.0, f64::max);
         let largest = points[..5].iter().map(Vec3::amax).fold(0.0, f64::max);
         let tolerance = MAX_MIDDLE_DEVIATION[0] * size + MAX_MIDDLE_DEVIATION[1] * largest;
+        // The first face is the base.
         let triangles = &Kind::Pyramid14.faces()[1..];
         let off = triangles.iter().zip(&points[14..18]).map(|(face, middle)| {
             let sum = |set: &[u8]| set.iter().map(|&n| points[usize::from(n)]).sum::<Vec3>();

@@ -11,7 +11,7 @@
 use super::model::{Model, Set, Sets};
 use super::system::Motion;
 use super::types::node_order;
-use crate::io::collector::Collector;
+use crate::io::collector::{Collector, MAX_NODES};
 use crate::io::error::{Place, ReadError};
 use crate::io::source::quote;
 use std::collections::{BTreeMap, BTreeSet};
@@ -284,7 +284,8 @@ impl Assembly {
         // A set may name other sets, which may name further ones; each is visited once.
         while let Some(scoped) = pending.pop() {
             for (instance, set) in &scoped.sets {
-                // Without an instance, numbers refer to elements of the assembly, the last model.
+                // Without an instance, numbers refer to elements of the assembly itself, or else to those outside parts:
+                // the last model without a name.
                 let placed = instance.map_or_else(
                     || models.iter().rev().find(|p| p.name.is_none()),
                     |i| models.get(i),
@@ -448,7 +449,7 @@ fn add_to_collector(
         let element_nodes = model.nodes_of(place as u32);
         let number = model.element_numbers[place];
         let order = node_order(kind);
-        let mut nodes = [0; 27];
+        let mut nodes = [0; MAX_NODES];
         // C3D27 lists its nodes in another order than VTK.
         for (to, i) in nodes.iter_mut().zip(0..element_nodes.len()) {
             let node = element_nodes[order.map_or(i, |o| o[i] as usize)];
@@ -466,6 +467,7 @@ fn add_to_collector(
                 return Err(ReadError::data(path, place, found, expected));
             };
         }
+        // Groups are added by name, once all elements are there.
         collector.element(number + shift, kind, &nodes[..element_nodes.len()], &[]);
     }
     Ok(())

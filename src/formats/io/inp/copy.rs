@@ -7,6 +7,7 @@ use super::generate::{Generated, node, owned, shifted_number};
 use super::keyword::Keyword;
 use super::model::Model;
 use super::system::Motion;
+use crate::io::collector::MAX_NODES;
 use crate::io::error::ReadError;
 use crate::io::source::{Source, quote};
 use druse_geometry::frame::Vec3;
@@ -20,21 +21,21 @@ pub(super) fn copy_element(
     source: &Source,
 ) -> Result<u64, ReadError> {
     let new_number = shifted_number(number, shift, source)?;
-    // Without any shift the element is its own copy.
     if let Some(&place) = model.element_places.get(&number) {
+        // Without any shift the element is its own copy.
         if shift == 0 && of_nodes == 0 {
             return Ok(new_number);
         }
         // The nodes of the copy have to exist.
         let kind = model.kinds[place as usize];
-        let mut nodes = [0; 27];
+        let mut nodes = [0; MAX_NODES];
         let count = kind.node_count();
         for (to, &from) in nodes.iter_mut().zip(model.nodes_of(place)) {
             *to = shifted_number(from, of_nodes, source)?;
             node(model, *to, source)?;
         }
         model.add_element(new_number, kind, &nodes[..count], source)?;
-    // The copy of a skipped element is skipped under its own number.
+    // The copy of a skipped element is skipped too, under the new number.
     } else if let Some(kind) = model.skipped.get(&number).cloned() {
         model.skip_element(new_number, &kind, source)?;
     } else {

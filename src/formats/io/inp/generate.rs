@@ -69,7 +69,7 @@ impl Rule {
         Ok(Some(match k.name.as_str() {
             "NGEN" => {
                 k.only(&["NSET", "LINE", "SYSTEM"], source)?;
-                // The curve between the two nodes; P and C need a third point.
+                // P and C need a third point.
                 let line = match k.get("LINE").map(str::to_ascii_uppercase).as_deref() {
                     None => CurveKind::Straight,
                     Some("P") => CurveKind::Parabola,
@@ -275,14 +275,14 @@ impl Ngen {
             let found = format!("ends at {r} and {s} from the centre");
             return Err(source.bad(found, "two nodes on a circle"));
         }
-        // Right-handed about the normal; without a normal the shorter arc.
+        // Right-handed about the normal; without a normal the shorter arc, whose ends need a sine of more than 1e-12.
         let axis = normal.unwrap_or_else(|| from.cross(&to));
         let axis = axis.try_normalize(1e-12 * if normal.is_some() { 1.0 } else { r * s });
         let Some(axis) = axis else {
             let found = "an arc of 0 or 180 degrees without a normal";
             return Err(source.bad(found, "the normal of its plane, fields 8 to 10"));
         };
-        // Right-handed: a negative angle, or 0 between equal ends, takes the long way round.
+        // Right-handed: a negative angle, or 0 (up to rounding) between equal ends, takes the long way round.
         let mut angle = from.cross(&to).dot(&axis).atan2(from.dot(&to));
         if angle <= 1e-12 {
             angle += std::f64::consts::TAU;

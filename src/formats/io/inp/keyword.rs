@@ -7,7 +7,7 @@ use crate::io::error::ReadError;
 use crate::io::source::{Source, quote};
 use std::collections::BTreeMap;
 
-/// Greatest number of a node or an element.
+/// Greatest number of a node or an element: millions of shifts by such a number stay in 64 bits.
 pub(super) const MAX_NUMBER: u64 = 9_999_999_999;
 
 /// A keyword line: `*NAME, KEY=VALUE, KEY`.

@@ -78,8 +78,8 @@ impl Sets {
         self.0.values()
     }
 
-    /// The members' numbers, nested sets included; ranges contribute the `known` numbers only. They ascend without
-    /// repetition, unless a set among them keeps its order.
+    /// The members' numbers, nested sets included; ranges contribute the `known` numbers only, one that ends below its
+    /// first number just the first. They ascend without repetition, unless a set among them keeps its order.
     ///
     /// # Errors
     /// The name of a missing set.
@@ -180,13 +180,13 @@ impl Model {
         nodes: &[u64],
         source: &Source,
     ) -> Result<(), ReadError> {
-        // The same element again is harmless; another one of this number is an error.
+        // The same element again, in whatever order of nodes, is harmless; another one of this number is an error.
         if let Some(&known) = self.element_places.get(&number) {
-            let mut corners = [self.nodes_of(known), nodes].map(<[u64]>::to_vec);
-            for c in &mut corners {
-                c.sort_unstable();
+            let mut sorted = [self.nodes_of(known), nodes].map(<[u64]>::to_vec);
+            for numbers in &mut sorted {
+                numbers.sort_unstable();
             }
-            if corners[0] != corners[1] || self.kinds[known as usize] != kind {
+            if sorted[0] != sorted[1] || self.kinds[known as usize] != kind {
                 return Err(second_element(number, source));
             }
         } else if self.skipped.contains_key(&number) {

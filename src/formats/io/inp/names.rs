@@ -13,7 +13,7 @@ const REFUSED_KEYWORDS: &[&str] = &[
     "NODALDISPLACEMENT",
 ];
 
-/// Keywords whose data are read.
+/// Keywords that are read, by which misspelled ones are found.
 const READ_KEYWORDS: &[&str] = &[
     "NODE",
     "ELEMENT",

@@ -5,6 +5,9 @@ use crate::io::error::ReadError;
 use crate::io::source::{Source, quote};
 use druse_geometry::frame::{Mat3, Vec3};
 
+/// Length up to which a vector has no direction: zero, or lost to underflow.
+const NO_LENGTH: f64 = 1e-300;
+
 /// Sine and cosine of an angle in degrees, exact at multiples of 90.
 pub(super) fn sin_cos_degrees(angle: f64) -> (f64, f64) {
     let turns = angle.rem_euclid(360.0);
@@ -87,7 +90,7 @@ impl Motion {
     /// The right-handed rotation about the axis from `a` to `b`, an angle in degrees; `None` if they coincide
     /// (Rodrigues).
     pub fn rotation(a: Vec3, b: Vec3, degrees: f64) -> Option<Self> {
-        let axis = (b - a).try_normalize(1e-300)?;
+        let axis = (b - a).try_normalize(NO_LENGTH)?;
         let (sin, cos) = sin_cos_degrees(degrees);
         let cross = axis.cross_matrix();
         let linear = Mat3::identity() + cross * sin + cross * cross * (1.0 - cos);
@@ -106,7 +109,7 @@ impl Motion {
 
     /// The reflection in the plane of three points; `None` if they are collinear.
     pub fn mirror(a: Vec3, b: Vec3, c: Vec3) -> Option<Self> {
-        let normal = (b - a).cross(&(c - a)).try_normalize(1e-300)?;
+        let normal = (b - a).cross(&(c - a)).try_normalize(NO_LENGTH)?;
         let linear = Mat3::identity() - normal * normal.transpose() * 2.0;
         Some(Self::about(linear, a))
     }
@@ -127,15 +130,17 @@ impl Motion {
             return Ok(Self::translation(origin));
         };
         let x = x_point - origin;
-        // The y axis is normal to x in the plane of all three points, or horizontal with two.
+        // The y axis is normal to x in the plane of all three points, or with two horizontal, as x is up to rounding.
         let side = match point(2) {
             Some(c) => c - origin,
             None if x.z.abs() <= 1e-9 * x.norm() => Vec3::z().cross(&x),
             None => return Err("two points of different height, which do not define the y axis"),
         };
         // Right-handed axes: z = x cross side, y = z cross x. A sine below 1e-9 between them is a line.
-        let axes = x.try_normalize(1e-300).and_then(|x| {
-            let z = x.cross(&side.try_normalize(1e-300)?).try_normalize(1e-9)?;
+        let axes = x.try_normalize(NO_LENGTH).and_then(|x| {
+            let z = x
+                .cross(&side.try_normalize(NO_LENGTH)?)
+                .try_normalize(1e-9)?;
             Some(Mat3::from_columns(&[x, z.cross(&x), z]))
         });
         let linear = axes.ok_or("points on a line, which define no axes")?;

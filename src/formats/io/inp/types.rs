@@ -15,9 +15,9 @@ pub(super) enum Meaning {
     NonVolume,
 }
 
+/// The number in a type's name, and its kinds.
 type Sizes = &'static [(u32, &'static [Kind])];
 
-/// Solids by their number of nodes.
 const SOLIDS: Sizes = &[
     (4, &[Kind::Tet4]),
     (5, &[Kind::Pyramid5]),
@@ -31,7 +31,6 @@ const SOLIDS: Sizes = &[
 ];
 /// Continuum shells, whose nodes define the thickness.
 const CONTINUUM_SHELLS: Sizes = &[(6, &[Kind::Wedge6]), (8, &[Kind::Hex8])];
-/// Faces by their number of nodes.
 const FACES: Sizes = &[
     (3, &[Kind::Tri3]),
     (4, &[Kind::Quad4]),
@@ -111,8 +110,8 @@ pub(super) fn meaning(name: &str) -> Option<Meaning> {
 }
 
 /// The permutation from Abaqus' node order to VTK order, where they differ: place i in VTK's order is the node at
-/// place `order[i]` of the deck. In C3D27 the centre precedes the
-/// faces, which follow in the order bottom, top, front, right, back, left.
+/// place `order[i]` of the deck. In C3D27 the centre precedes the faces, which follow in the order bottom, top, front,
+/// right, back, left.
 pub(super) fn node_order(kind: Kind) -> Option<&'static [u8]> {
     const HEX27: [u8; 27] = [
         0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 26, 24, 23, 25, 21,

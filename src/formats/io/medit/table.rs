@@ -25,11 +25,12 @@ pub(super) enum Meaning {
     End,
 }
 
-/// A keyword: its code in binary files (0 if none), its name, its meaning.
+/// A keyword: its code in binary files (0: of text files only), its name, its meaning.
 pub(super) type Row = (u32, &'static str, Meaning);
 
 use Meaning::{Dimension, Element, End, Ignored, Lines, Refused, Text, Values, Vertices};
 
+/// All keywords that are read, ignored or refused.
 pub(super) const TABLE: &[Row] = &[
     (3, "Dimension", Dimension),
     (4, "Vertices", Vertices),

@@ -46,6 +46,9 @@ const MAX_SPARSITY: usize = 64;
 /// Greatest number of components of a value: a tensor has nine.
 const MAX_COMPONENTS: i64 = 64;
 
+/// Greatest number of tags in a list; programs write one to four.
+const MAX_TAGS: u64 = 64;
+
 /// Reads the section named `section` of data at nodes or elements, from the line after its name, without its end.
 pub(super) fn section(file: &mut File, section: &str) -> Result<(), ReadError> {
     let head = head(file)?;
@@ -94,11 +97,11 @@ pub(super) fn section(file: &mut File, section: &str) -> Result<(), ReadError> {
 fn head(file: &mut File) -> Result<Head, ReadError> {
     let mut tags: [Vec<String>; 3] = Default::default();
     let kinds = ["string tags", "real tags", "integer tags"];
-    // Three lists of tags, each after its length: name; time; time step, components, number of values.
+    // Name; time; time step, components, number of values.
     for (tag_list, what) in tags.iter_mut().zip(kinds) {
         let what = format!("the number of {what}");
         let line = file.tokens.needed_line(&what)?;
-        let Ok(count @ 0..=64) = line.parse::<u64>() else {
+        let Ok(count @ 0..=MAX_TAGS) = line.parse::<u64>() else {
             let found = quote(line);
             return Err(file.text_error(found, what + ", at most 64"));
         };

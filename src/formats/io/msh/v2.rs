@@ -4,6 +4,7 @@
 //! tag of an element in version 2 is its physical group, 0 for none.
 
 use super::{File, Type};
+use crate::io::collector::MAX_NODES;
 use crate::io::error::ReadError;
 use crate::io::tokens::Encoding;
 
@@ -111,6 +112,7 @@ pub(super) fn elements(file: &mut File) -> Result<(), ReadError> {
 fn tagged(file: &mut File, [number, code]: [u64; 2], tags: u64) -> Result<(), ReadError> {
     let kind = file.element_type(code, number)?;
     let t = &mut file.tokens;
+    // Group, entity and partitions are a few.
     if tags > 64 {
         return Err(t.bad(format!("{tags} tags"), "at most 64"));
     }
@@ -128,7 +130,7 @@ fn tagged(file: &mut File, [number, code]: [u64; 2], tags: u64) -> Result<(), Re
 fn element(file: &mut File, number: u64, kind: Type, group: i64) -> Result<(), ReadError> {
     let t = &mut file.tokens;
     let groups: &[i64] = if group == 0 { &[] } else { &[group] };
-    let mut nodes = [0; 27];
+    let mut nodes = [0; MAX_NODES];
     match kind {
         Type::Skipped(count) => {
             for _ in 0..count {

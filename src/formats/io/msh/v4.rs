@@ -4,13 +4,14 @@
 //! number, and numbers of nodes and elements have 32 bits.
 
 use super::{File, Type, Version};
+use crate::io::collector::MAX_NODES;
 use crate::io::error::ReadError;
 use std::collections::BTreeMap;
 
 /// Physical groups of surfaces and volumes, by dimension and number.
 pub(super) type Entities = BTreeMap<(i64, i64), Vec<i64>>;
 
-/// Greatest number of physical groups of one entity.
+/// Greatest number of physical groups of one entity: each of its elements joins them all.
 const MAX_GROUPS_PER_ENTITY: usize = 256;
 
 /// Reads the entities (points, curves, surfaces, volumes) and keeps their physical groups.
@@ -55,6 +56,7 @@ fn entity_counts(file: &mut File) -> Result<[usize; 4], ReadError> {
     let mut counts = [0; 4];
     for count in &mut counts {
         let claimed = file.tokens.size("a number of entities")?;
+        // The least is a point of 4.1: a number, a position, a count of groups; 4 + 3 * 8 + 8 bytes.
         *count = file.tokens.count(claimed, 5, 36, "entities")?;
     }
     Ok(counts)
@@ -107,7 +109,7 @@ fn entity_of_block(file: &mut File) -> Result<(i64, i64), ReadError> {
     Ok((dimension, entity))
 }
 
-/// The number of a node or an element.
+/// The number of a node or an element, of 32 or 64 bits.
 fn item_number(file: &mut File, what: &str) -> Result<u64, ReadError> {
     match file.version {
         Version::Four0 => file.tokens.number(what),
@@ -139,6 +141,7 @@ fn block_counts(file: &mut File, what: &str, words: u64) -> Result<(usize, u64),
         t.size("the least number")?;
         t.size("the greatest number")?;
     }
+    // Two numbers of an entity, one of parameters or type, a count: 3 * 4 + 8 bytes.
     Ok((t.count(blocks, 4, 20, "blocks")?, claimed))
 }
 
@@ -219,7 +222,7 @@ fn block_elements(file: &mut File, code: u64, count: u64, groups: &[i64]) -> Res
                 file.collector.skipped += 1;
             }
             Type::Known(kind) => {
-                let mut nodes = [0; 27];
+                let mut nodes = [0; MAX_NODES];
                 let own = &mut nodes[..kind.node_count()];
                 for n in own.iter_mut() {
                     *n = item_number(file, "a node number")?;

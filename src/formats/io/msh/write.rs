@@ -47,7 +47,7 @@ fn write(file: &mut impl Write, scaffold: &Scaffold) -> std::io::Result<()> {
         let mut nodes = scaffold.connectivity().nodes(e).to_vec();
         let code = if nodes.len() == 4 { 4 } else { 11 };
         if code == 11 {
-            // The middles of edges 1-3 and 2-3 are the other way round than in VTK.
+            // The middles of edges 1-3 and 2-3 (corners from 0) are the other way round than in VTK.
             nodes.swap(8, 9);
         }
         write!(file, "{} {code} 2 0 1", e + 1)?;

@@ -171,8 +171,8 @@ fn is_continuation(head: &str) -> bool {
     head.is_empty() || head.starts_with(['+', '*'])
 }
 
-/// The fields of a line: the first field, the data fields, and the mark of a continuation. A wide line has four data
-/// fields of 16 columns, others eight of 8.
+/// The fields of a line: the first field, the data fields, and the mark of a continuation in the last 8 of 80 columns.
+/// A wide line has four data fields of 16 columns, others eight of 8.
 fn split(line: &str) -> LineParts<'_> {
     if line.contains(',') {
         return split_free(line);

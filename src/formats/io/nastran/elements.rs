@@ -4,6 +4,7 @@
 
 use super::Deck;
 use super::cards::Card;
+use crate::io::collector::MAX_NODES;
 use crate::io::element_file::KINDS_READ;
 use crate::io::error::{Place, ReadError};
 use druse_geometry::frame::Vec3;
@@ -67,7 +68,7 @@ impl Deck<'_> {
         };
         // The kind is the smallest of the card that has room for the nodes given.
         let max_nodes = kinds.last().map_or(0, |k| k.node_count());
-        let mut file_nodes = [None; 27];
+        let mut file_nodes = [None; MAX_NODES];
         let mut given = 0;
         for (i, node) in file_nodes.iter_mut().take(max_nodes).enumerate() {
             // Some programs write 0 for a missing mid node.
@@ -95,7 +96,7 @@ impl Deck<'_> {
             Kind::Wedge15 => &WEDGE15,
             _ => &[],
         };
-        let mut nodes = [0; 27];
+        let mut nodes = [0; MAX_NODES];
         let element_nodes = &mut nodes[..kind.node_count()];
         for (i, to) in element_nodes.iter_mut().enumerate() {
             let from = order.get(i).map_or(i, |&o| usize::from(o));

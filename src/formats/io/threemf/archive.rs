@@ -17,7 +17,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use zip::ZipArchive;
 
-/// Greatest size of the list of relationships.
+/// Greatest size of the list of relationships; what follows is not read.
 const MAX_RELATIONS_BYTES: u64 = 1 << 20;
 
 /// An open archive.

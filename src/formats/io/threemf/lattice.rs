@@ -73,6 +73,7 @@ fn uniform_scale(at: &Placement) -> Option<f64> {
     let [x, y, z, _] = at;
     let scale = x.norm();
     let tolerance = 1e-5 * scale * scale;
+    // Squares of lengths differ by twice as much.
     let has_equal_lengths = [y, z]
         .iter()
         .all(|v| (v.norm_squared() - scale * scale).abs() <= 2.0 * tolerance);

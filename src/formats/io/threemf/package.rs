@@ -36,6 +36,7 @@ pub(super) fn begin<W: Write + Seek>(
         zip.write_all(text.as_bytes())?;
     }
     let large = options.large_file(is_large);
+    // A low level: such text is large, and higher ones take far longer.
     zip.start_file("3D/3dmodel.model", large.compression_level(Some(3)))?;
     Ok(io::BufWriter::with_capacity(1 << 16, zip))
 }
@@ -92,7 +93,7 @@ pub(in crate::io) fn write(
     rows: &mut dyn Rows,
     unit: LengthUnit,
 ) -> io::Result<()> {
-    // At most about 64 bytes per vertex and twice as many per triangle.
+    // A triangle takes up to 60 bytes; it counts twice, for vertices of double precision, which take up to 97.
     let [vertices, triangles] = rows.counts();
     let bytes = 64 * (vertices + 2 * triangles);
     package(out, unit, "", bytes, |xml| {

@@ -18,8 +18,9 @@ use std::rc::Rc;
 
 /// Greatest nesting depth of components.
 const MAX_DEPTH: usize = 16;
-/// Greatest number of unfolded triangles, in addition to 64 times the content of the file.
-const MAX_UNFOLDED_TRIANGLES: usize = 2_000_000;
+/// Greatest number of unfolded vertices, triangles and beams: a fixed number and so many copies of the file's content.
+const MAX_UNFOLDED_ITEMS: usize = 2_000_000;
+const MAX_COPIES: usize = 64;
 /// Greatest number of followed references.
 const MAX_VISITS: usize = 1_000_000;
 
@@ -123,7 +124,7 @@ fn remove_non_solid_volumes(
     Ok(notes)
 }
 
-/// A list of objects for messages: "object 3", "objects 3, 4, 5 and 17 more".
+/// A list of objects for messages: "object 3", "objects 3, 4"; after eight, "and 17 more".
 fn object_list(numbers: &[u32]) -> String {
     let shown: Vec<String> = numbers.iter().take(8).map(u32::to_string).collect();
     let more = match numbers.len() - shown.len() {
@@ -135,7 +136,6 @@ fn object_list(numbers: &[u32]) -> String {
 }
 
 impl Build {
-    /// An error about the file as a whole.
     fn bad(&self, found: impl Into<String>, expected: impl Into<String>) -> ReadError {
         ReadError::data(&self.archive.path, Place::File, found, expected)
     }
@@ -221,7 +221,6 @@ impl Build {
             self.left_out.entry(reason).or_default().push(id);
             return Ok(());
         }
-        // An object that contains itself would unfold without end.
         let step = (name.to_owned(), id);
         if self.path.contains(&step) {
             let found = format!(
@@ -240,8 +239,8 @@ impl Build {
             + self.beams.iter().map(BeamPart::len).sum::<usize>();
         let limit = self
             .file_size
-            .saturating_mul(64)
-            .saturating_add(MAX_UNFOLDED_TRIANGLES);
+            .saturating_mul(MAX_COPIES)
+            .saturating_add(MAX_UNFOLDED_ITEMS);
         let limit = limit.min(u32::MAX as usize);
         if self.path.len() >= MAX_DEPTH || total > limit || self.visits > MAX_VISITS {
             let found = format!("components that unfold without end at object {id}");

@@ -10,9 +10,9 @@ use crate::io::source::quote;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Greatest size of a file.
+/// Greatest size of a file, which is read into memory as a whole.
 const MAX_FILE_BYTES: u64 = 4 << 30;
-/// Greatest depth of prims, lists and dictionaries in each other.
+/// Greatest depth of prims, and of lists in each other: each level is a call on the stack.
 const MAX_DEPTH: usize = 100;
 /// Composition of layers, which a flat file does not have.
 const COMPOSITION_WORDS: [&str; 6] = [

@@ -20,6 +20,7 @@ pub(super) const SECTIONS: [(&str, &str); 4] = [
 /// A section: the end of each cell's node list, and the nodes.
 #[derive(Default)]
 pub(super) struct Section {
+    /// The number of cells that an XML file states.
     pub count: u64,
     pub ends: Vec<i64>,
     pub nodes: Vec<i64>,

@@ -54,7 +54,7 @@ const CELL_TYPE_NAMES: [(u8, &str); 26] = [
     (80, "Bezier wedge"),
     (81, "Bezier pyramid"),
 ];
-/// Cell types that are counted and skipped: points, lines, and surfaces that bound solids.
+/// Cell types that are counted and skipped: points, lines, and surfaces without a kind.
 const SKIPPED_CELL_TYPES: [u8; 13] = [0, 1, 2, 3, 4, 21, 30, 34, 35, 36, 60, 68, 75];
 /// The nodes of a pixel and of a voxel in the order of a quad and a hexahedron.
 const PIXEL_ORDER: [u8; 4] = [0, 1, 3, 2];
