@@ -276,7 +276,6 @@ impl<'a> Collector<'a> {
                 FieldAt::Points => (self.points.len(), "points"),
                 FieldAt::Cells => (self.cells as usize, "cells"),
             };
-            // One value per component and item of the file, in its order.
             if field.values.len() != count.saturating_mul(field.components) {
                 return Err(ReadError::data(
                     self.path,

@@ -218,7 +218,6 @@ fn check_edges(
             }
         }
         let (a, b) = (a as usize, b as usize);
-        // The half-edges run in opposite directions between the same vertices.
         if corners[a] != ends[b] || corners[b] != ends[a] {
             let found = format!(
                 "half-edges from vertex {} to {} and from {} to {}",

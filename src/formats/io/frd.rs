@@ -238,7 +238,6 @@ impl Reader {
                     found.line = self.source.line_number();
                 }
                 b"-5" => {
-                    // Components that a post-processor computes have no columns in the rows.
                     if columns(line, COMPUTED) != b"1" {
                         found.components.push(text(columns(line, NAME)));
                     }
@@ -312,7 +311,6 @@ pub fn read_frd(path: impl AsRef<Path>) -> Result<FrdFile, ReadError> {
         if line == b"9999" {
             break;
         }
-        // Blocks: 2C nodes, 3C elements, 100C results at nodes.
         if line.starts_with(b"2C") {
             file.nodes = reader.nodes()?;
         } else if line.starts_with(b"3C") {

@@ -105,7 +105,6 @@ fn read_beams(path: &Path) -> Result<(Skeleton, Vec<String>), ReadError> {
         return Err(ReadError::data(path, Place::File, "no beams", expected)
             .with_hint("a mesh is the source of a cell by the key mesh"));
     }
-    // Everything that a skeleton cannot represent is counted in a note.
     let mut note = |count: usize, text: &str| {
         if count > 0 {
             notes.push(format!("{count} {text}"));
@@ -182,7 +181,6 @@ fn skeleton(
     radius: Option<f64>,
     thickness: Option<f64>,
 ) -> Result<Skeleton, ReadError> {
-    // Lists of radii and thicknesses are complete or absent.
     for (what, given, parts) in [
         ("radii", graph.radii.len(), graph.edges.len()),
         ("thicknesses", graph.thicknesses.len(), graph.faces.len()),

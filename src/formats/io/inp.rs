@@ -198,7 +198,6 @@ impl Deck<'_> {
                 self.keyword(&keyword, &source, path, depth)?;
             }
             if line.starts_with('*') {
-                // A comma at the end continues the parameters on the next line.
                 if line.ends_with(',') {
                     keyword_line = line;
                 } else {

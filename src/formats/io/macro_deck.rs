@@ -255,7 +255,6 @@ impl ElementDeck<'_> {
             let along = used.iter().map(|&n| points[n][axis]);
             along.fold([f64::MAX, f64::MIN], |r, x| [r[0].min(x), r[1].max(x)])
         };
-        // Coordinates on a side differ by rounding, up to a tolerance of the box's diagonal.
         let ranges = [0, 1, 2].map(range);
         let size = Vec3::from(ranges.map(|r| r[1] - r[0])).norm();
         let outer: Vec<FaceRef> = self.scaffold.outer_faces().collect();
@@ -271,7 +270,6 @@ impl ElementDeck<'_> {
                 let mut corners = kind.faces()[usize::from(f.face)].corners.iter();
                 corners.all(|&c| is_on(nodes[usize::from(c)] as usize))
             });
-            // A surface lists elements by the label of their face, one set per label.
             let mut faces = Faces::new();
             for f in on_side {
                 let numbers = faces.entry(self.face_label(*f)).or_default();

@@ -343,7 +343,6 @@ impl File<'_> {
             let (dimension, number, name) = (next(), next(), next().trim());
             let name = name.strip_prefix('"').and_then(|n| n.strip_suffix('"'));
             match (dimension.parse(), number.parse(), name) {
-                // Volumes and surfaces become groups; names of points and curves are skipped.
                 (Ok(d @ 2..=3), Ok(number), Some(name)) => {
                     self.names.insert(group_of(d, number), name.to_owned());
                 }

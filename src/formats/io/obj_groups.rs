@@ -59,7 +59,6 @@ fn draft_of(soup: Soup) -> Draft {
 fn assign_groups(draft: &mut Draft, annotations: &Annotations, path: &Path, options: &LoadOptions) {
     let group_by = options.group_by;
     let names: Vec<&Names> = annotations.of_faces(draft.faces.len()).collect();
-    // A source of groups is stated if any face has a word of it.
     let is_stated = |part: fn(&Names) -> &String| names.iter().any(|n| !part(n).is_empty());
     let stated_words =
         |part: fn(&Names) -> &String| names.iter().map(|n| part(n).clone()).collect();
@@ -81,7 +80,6 @@ fn assign_groups(draft: &mut Draft, annotations: &Annotations, path: &Path, opti
         words
     };
     let mut material_colors = BTreeMap::new();
-    // Colours of materials are in the libraries beside the file.
     if group_by == GroupBy::Color {
         for library in &annotations.libraries {
             let library_path = path.with_file_name(library);

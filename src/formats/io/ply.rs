@@ -44,7 +44,6 @@ pub(super) fn read_points(mut source: Source) -> Result<PointFile, ReadError> {
 /// Reads the polygons of a file, or its triangle strips as triangles. Bytes after the last element are a warning.
 pub(super) fn read(mut source: Source) -> Result<Soup, ReadError> {
     let header = header(&mut source)?;
-    // What a mesh needs at least: three coordinates, and faces or strips.
     for (role, layer, name) in [
         (Role::Axis(0), "vertex", "x"),
         (Role::Axis(1), "vertex", "y"),

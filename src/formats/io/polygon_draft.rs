@@ -203,7 +203,6 @@ impl Draft {
         let mut faces = Faces::default();
         let (mut groups, mut lines) = (Vec::new(), Vec::new());
         for (f, face) in self.faces.iter().enumerate() {
-            // Corners that coincide are one; a face with fewer than three is gone.
             let mut corners: Vec<u32> = face.iter().map(|&v| number[v as usize]).collect();
             corners.dedup();
             while corners.len() > 1 && corners.first() == corners.last() {

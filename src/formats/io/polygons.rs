@@ -157,7 +157,6 @@ impl Soup {
                 collector.element(f as u64, kind, &nodes[..corners.len()], &[]);
                 element_count += 1;
             };
-            // Points and lines are no elements.
             match face.len() {
                 0..=2 => collector.skipped += 1,
                 3 => add(Kind::Tri3, face),

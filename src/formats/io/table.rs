@@ -139,7 +139,6 @@ fn rows(
     let Some(columns) = columns else {
         return bad_header(format!("a header with {}", names.join(",")));
     };
-    // Further columns are ignored; a missing one is an error of its line.
     lines
         .map(|(n, line)| {
             let words = words(line);

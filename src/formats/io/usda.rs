@@ -334,7 +334,6 @@ impl Part {
                 "finite coordinates below 1e18".into(),
             ));
         }
-        // Tets have four corners each; polygons have a list of counts.
         let name = if is_solid {
             "tetVertexIndices"
         } else {

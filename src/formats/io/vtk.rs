@@ -97,7 +97,6 @@ impl Cells<'_> {
                 })?;
             start += own.len();
             let cell_type = u8::try_from(cell_type).unwrap_or(u8::MAX);
-            // Strips and polygons have any number of nodes.
             if matches!(cell_type, STRIP_CELL_TYPE | POLYGON_CELL_TYPE) {
                 let nodes = own.iter().map(|&n| {
                     // A negative number becomes one that no node has.

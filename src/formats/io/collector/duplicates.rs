@@ -58,7 +58,6 @@ impl Collector<'_> {
         elements: &Connectivity,
         kept: &[usize],
     ) -> Result<BTreeMap<u32, u32>, ReadError> {
-        // Elements with the same set of corners, up to merged nodes, are duplicates, in whatever order they list them.
         let places = merged_node_indices(nodes);
         let corners = |e: usize| {
             // Eight is the greatest number of corners; the rest is filled alike.
@@ -80,7 +79,6 @@ impl Collector<'_> {
                 match firsts.iter().find(|f| corners(**f as usize) == own) {
                     None => firsts.push(e),
                     Some(&first) => {
-                        // With the same corners but other mid nodes or another kind they have different shapes.
                         let pair = [first, e];
                         if !has_same_nodes(pair, nodes, elements) {
                             return Err(self.conflicting_elements(pair, elements, kept));
@@ -90,7 +88,6 @@ impl Collector<'_> {
                 }
             }
         }
-        // The note names the first few.
         if !duplicates.is_empty() {
             let number = |e: u32| self.element_numbers[kept[e as usize]];
             let named = duplicates

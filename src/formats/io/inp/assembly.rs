@@ -190,7 +190,6 @@ impl Assembly {
                 ));
             }
         }
-        // Nodes and elements outside parts: of a deck without parts, and of the assembly.
         for model in [&self.root, &self.model] {
             if !model.is_empty() || model.element_sets.iter().next().is_some() {
                 models.push(PlacedModel {
@@ -231,7 +230,6 @@ impl Assembly {
                 entry.1.push((placed, places));
             }
         }
-        // A set of several parts, or of the assembly too, also becomes one group per instance.
         for (key, (name, parts)) in &groups {
             let is_assembly = self.sets.contains_key(key);
             let kinds: BTreeSet<&str> = parts.iter().map(|p| p.0.part).collect();
@@ -450,7 +448,6 @@ fn add_to_collector(
         let number = model.element_numbers[place];
         let order = node_order(kind);
         let mut nodes = [0; MAX_NODES];
-        // C3D27 lists its nodes in another order than VTK.
         for (to, i) in nodes.iter_mut().zip(0..element_nodes.len()) {
             let node = element_nodes[order.map_or(i, |o| o[i] as usize)];
             *to = if is_single {

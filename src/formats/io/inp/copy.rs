@@ -26,7 +26,6 @@ pub(super) fn copy_element(
         if shift == 0 && of_nodes == 0 {
             return Ok(new_number);
         }
-        // The nodes of the copy have to exist.
         let kind = model.kinds[place as usize];
         let mut nodes = [0; MAX_NODES];
         let count = kind.node_count();

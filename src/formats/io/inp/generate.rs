@@ -69,7 +69,6 @@ impl Rule {
         Ok(Some(match k.name.as_str() {
             "NGEN" => {
                 k.only(&["NSET", "LINE", "SYSTEM"], source)?;
-                // P and C need a third point.
                 let line = match k.get("LINE").map(str::to_ascii_uppercase).as_deref() {
                     None => CurveKind::Straight,
                     Some("P") => CurveKind::Parabola,
@@ -368,7 +367,6 @@ fn elgen(
 ) -> Result<(), ReadError> {
     let expected = "a master element, then counts and increments";
     let master = whole(words.first().unwrap_or(&""), expected, source)?;
-    // Counts and increments that are missing are 1.
     let mut directions = [[1; 3]; 3];
     for (i, direction) in directions.iter_mut().enumerate() {
         for (k, number) in direction.iter_mut().enumerate() {
@@ -380,7 +378,6 @@ fn elgen(
             return Err(source.bad(found, "1 or more elements, increments that are not 0"));
         }
     }
-    // The product is checked before any copy is made.
     let total = directions
         .iter()
         .fold(1u64, |n, w| n.saturating_mul(w[0] as u64));

@@ -119,7 +119,6 @@ impl Motion {
     ///
     /// With two points the z axis is unchanged, so both must have the same z coordinate. The error is what is wrong.
     pub fn system(numbers: &[f64]) -> Result<Self, &'static str> {
-        // Coordinates that are missing are 0.
         let point = |i: usize| {
             let own = numbers.get(3 * i..)?;
             let at = |k: usize| own.get(k).copied().unwrap_or(0.0);

@@ -61,7 +61,6 @@ pub(super) fn section(file: &mut File, section: &str) -> Result<(), ReadError> {
     let at = match section {
         "$NodeData" => FieldAt::Points,
         "$ElementData" => FieldAt::Cells,
-        // `$ElementNodeData` has several values per element. They are read to find the end of the section.
         _ => {
             for _ in 0..count {
                 file.tokens.number("an element number")?;

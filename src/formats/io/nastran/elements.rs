@@ -90,7 +90,6 @@ impl Deck<'_> {
             let found = format!("no node at corner {} of a {}", missing + 1, card.name);
             return Err(error(found, "a node at every corner"));
         }
-        // Nastran lists the mid nodes between both faces before those of the upper face, unlike VTK.
         let order: &[u8] = match kind {
             Kind::Hex20 => &HEX20,
             Kind::Wedge15 => &WEDGE15,

@@ -171,7 +171,6 @@ impl Systems {
                     pending.pop();
                     continue;
                 }
-                // A point in a system that is not known yet: that system comes first.
                 if let Some(&(next, _)) = points.iter().find(|(n, _)| !known(*n)) {
                     if !self.definitions.contains_key(&next) {
                         let found = format!("coordinate system {next}, which is not in the deck");
@@ -184,7 +183,6 @@ impl Systems {
                     pending.push(next);
                     continue;
                 }
-                // All three points are in known systems: their basic coordinates define the frame.
                 let mut basic = [Vec3::zeros(); 3];
                 for (to, (system, at)) in basic.iter_mut().zip(points) {
                     // All systems of these points are known, so that there is no default.

@@ -109,7 +109,6 @@ pub(super) fn header(source: &mut Source) -> Result<Header, ReadError> {
                 });
             }
             ["property", ..] => {
-                // A property belongs to the element declared last.
                 let Some(layer) = layers.last_mut() else {
                     return Err(source.bad("a property", "\"element\" before it"));
                 };

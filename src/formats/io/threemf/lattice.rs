@@ -145,7 +145,6 @@ impl Lattice {
         if let (BallMode::All, Some(radius)) = (self.ball_mode, self.ball_radius) {
             radii.extend(ends.iter().map(|&v| (v, radius)));
         }
-        // A ball without radius has that of the lattice.
         for (n, (v, own)) in self.balls.iter().enumerate() {
             vertex("ball", n, *v)?;
             let radius = own.or(self.ball_radius).ok_or_else(|| {

@@ -45,7 +45,6 @@ pub(super) fn non_solid_volumes(list: impl BufRead) -> BTreeMap<u32, Vec<Volume>
         match event {
             Event::Start(e) | Event::Empty(e) => match e.local_name().as_ref() {
                 b"object" => object = attribute(&e, "id").and_then(|v| v.parse().ok()),
-                // Numbers of the first and the last triangle of a volume.
                 b"volume" => {
                     let end = |name| attribute(&e, name).and_then(|v| v.parse().ok());
                     volume = end("firstid")

@@ -101,7 +101,6 @@ fn remove_non_solid_volumes(
                 let expected = format!("triangles from 0 to {}", is_part.len() as i64 - 1);
                 return Err(ReadError::data(&archive.path, Place::File, found, expected));
             }
-            // A negative volume is subtracted by the slicer: to leave it out would change the solid.
             if volume.kind == "NegativeVolume" {
                 let found =
                     format!("a negative volume in object {id} (triangles {first} to {last})");
@@ -170,7 +169,6 @@ impl Build {
         reference: &Reference,
         outer: &Placement,
     ) -> Result<(), ReadError> {
-        // The placement of the reference comes first, then that of what holds it.
         let at = compose(&reference.at, outer);
         let Some(part) = &reference.part else {
             return self.place(name, model, reference.object, &at);

@@ -14,7 +14,6 @@ pub(super) fn value_at(property: &Property, time: Option<f64>) -> Option<Value> 
         let first = samples.first().map(|s| &s.1);
         return property.value.as_ref().or(first).cloned();
     };
-    // Samples ascend by time.
     let after = samples.partition_point(|s| s.0 < t);
     if after == 0 {
         return Some(first.1.clone());

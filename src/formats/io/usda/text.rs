@@ -405,7 +405,6 @@ impl Text<'_> {
             return Err(self.bad("prims in prims", "fewer than a hundred levels"));
         }
         let mut prim = Prim::default();
-        // The type is optional.
         if !matches!(self.peek()?, Some(b'"' | b'\'')) {
             prim.kind = self.word()?;
         }

@@ -49,7 +49,6 @@ pub fn read(path: &Path) -> Result<VtkFile, ReadError> {
             _ => return Err(file.bad(&line, expected)),
         }
     }
-    // Every cell needs a type.
     let ((ends, nodes), types) = (cells.unwrap_or_default(), types.unwrap_or_default());
     if types.len() != ends.len() {
         return Err(file.tokens.source.bad(

@@ -67,7 +67,6 @@ impl Polygons {
                     })?;
                 start += nodes.len();
                 cell += 1;
-                // Points and lines count as cells and have no faces.
                 if matches!(name, "Verts" | "Lines") {
                     self.skipped += 1;
                     continue;
@@ -104,7 +103,6 @@ impl Polygons {
     ) -> Result<Soup, ReadError> {
         let mut kept = Vec::new();
         for mut field in fields {
-            // A value per cell becomes one per face.
             if field.at == FieldAt::Cells {
                 let n = field.components;
                 if field.values.len() as u64 != cells.saturating_mul(n as u64) {

@@ -185,7 +185,6 @@ impl<'a> Document<'a> {
                     "UnstructuredGrid" => {}
                     "PolyData" => self.polygons = Some(Polygons::default()),
                     _ => {
-                        // Only grids of cells and of polygons hold elements.
                         let found = format!("a VTK file of type {}", quote(&grid));
                         return Err(self.bad(byte, found, "UnstructuredGrid or PolyData"));
                     }
@@ -275,7 +274,6 @@ impl<'a> Document<'a> {
             )
         })?;
         let encoding = match attribute(tag, "format").as_deref() {
-            // Numbers are text in the element, base64 in the element, or bytes at an offset in the appended data.
             Some("ascii") | None => ArrayEncoding::Text,
             Some("binary") => ArrayEncoding::Inline,
             Some("appended") => ArrayEncoding::Appended(self.number(tag, "offset", byte)?),
@@ -398,7 +396,6 @@ impl<'a> Document<'a> {
             };
             self.bad(array.byte, format!("array {what}: {found}"), expected)
         })?;
-        // The length has to be whole numbers.
         let size = array.scalar.size();
         if bytes.len() % size != 0 {
             let found = format!("array {what} of {} bytes", bytes.len());

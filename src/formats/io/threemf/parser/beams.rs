@@ -101,7 +101,6 @@ impl<R: BufRead> Parser<'_, R> {
                 let radii = [self.radius(e, "r1")?, self.radius(e, "r2")?];
                 let caps = [self.cap(e, "cap1")?, self.cap(e, "cap2")?];
                 let lattice = self.lattice(e)?;
-                // The second radius is the first one if it is missing.
                 let first = radii[0].unwrap_or(lattice.radius);
                 let beam = Strut {
                     ends,

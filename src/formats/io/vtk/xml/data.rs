@@ -160,7 +160,6 @@ impl Format {
         if data.is_empty() {
             return Ok(Vec::new());
         }
-        // Without compression: the length, then the bytes.
         if !self.zlib {
             let length = self.count(data, 0)?;
             return data[head..]
@@ -177,7 +176,6 @@ impl Format {
         if blocks == 0 {
             return Ok(Vec::new());
         }
-        // The head: number of blocks, their size, the size of the last one, then the packed size of each.
         let (block_size, last_size) = (self.count(data, 1)?, self.count(data, 2)?);
         let mut at = blocks
             .checked_add(3)
