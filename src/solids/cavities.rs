@@ -50,8 +50,8 @@ const MIN_PROMINENCE: f32 = 1.0;
 /// Least depth of a closed cavity, voxels, as for components.
 const MIN_DEPTH: f32 = 1e-3;
 
-/// A cavity. Radii are in world units, sampled at voxel centres, so that they are up to 0.9 voxels less
-/// than those of the continuous void. Ways narrower than a voxel are not resolved: their radius is only known to be
+/// A cavity. Radii are in world units, sampled at voxel centres, so that they are up to 0.9 voxels (half the
+/// diagonal of one) less than those of the continuous void. Ways narrower than a voxel are not resolved: their radius is only known to be
 /// less than about one voxel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cavity {
@@ -265,11 +265,13 @@ impl VoidGraph {
         measure: Measure,
         progress: &dyn Progress,
     ) -> Result<Cavities, Cancelled> {
-        // Edges by falling level: as if the void were filled from its deepest points while the level falls.
+        // Edges by falling level (bits of positive numbers ascend with them): as if the void were filled from its
+        // deepest points.
         let order = |e: &Edge| (std::cmp::Reverse(e.level.to_bits()), e.ends);
         self.edges.sort_unstable_by_key(order);
         let mut growth = Growth::new(self.basins);
         for (n, edge) in self.edges.iter().enumerate() {
+            // Joins are fast: a check now and then suffices.
             if n.is_multiple_of(1 << 16) && progress.cancelled() {
                 return Err(Cancelled);
             }

@@ -46,6 +46,7 @@ impl DenseValues {
         Ok(own.values.iter().any(|v| *v < 0.0).then_some(own))
     }
 
+    /// Sets the voxels of a part of the box; the first call makes the box, all outside.
     fn fill(&mut self, part: Region, background: f32, value: impl Fn(Coord) -> f32) {
         if self.values.is_empty() {
             self.values = vec![background; self.sizes.iter().product()];

@@ -211,7 +211,6 @@ impl<'a> Analysis<'a> {
             void,
             pockets,
         });
-        // Only the layers that overhangs are compared with stay in memory.
         if self.rasters.len() == self.lookback {
             self.rasters.pop_front();
         }

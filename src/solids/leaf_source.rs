@@ -12,10 +12,10 @@ pub trait LeafSource: Sync {
     /// What can go wrong while leaves are read.
     type Error: From<Cancelled> + Send;
 
-    /// Blocks with leaves, ascending.
+    /// The least voxels of the blocks with leaves, ascending.
     fn blocks(&self) -> Vec<Coord>;
 
-    /// The box of the leaves.
+    /// The box of the leaves; `None` without any.
     fn bounds(&self) -> Option<Region>;
 
     /// Calls `visit` with the leaves that meet a region.
@@ -31,7 +31,7 @@ pub trait LeafSource: Sync {
     /// Cubes without leaves that lie inside and meet a region: least voxel and edge.
     fn inside_cubes(&self, region: Region) -> Vec<(Coord, i32)>;
 
-    /// Whether a block without leaves lies inside.
+    /// Whether a block without leaves lies inside: all of it does where its first voxel does.
     fn is_block_inside(&self, block: Coord) -> bool {
         !self.inside_cubes(Region::cube(block, 1)).is_empty()
     }

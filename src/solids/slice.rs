@@ -143,7 +143,7 @@ impl Plan {
             counts[axes[k]] = self.pixels[k];
         }
         let mut raw = vec![0.0; self.pixels[0] * self.pixels[1]];
-        // Fields cull well in small boxes, so the section is filled in strips.
+        // Fields cull well in small boxes, so the section is filled in squares.
         self.fill(field, origin, counts, &mut raw);
         // The storage order of the lattice is x, y, z; here u is slow and v is fast.
         let values = if axes[0] < axes[1] {
@@ -162,16 +162,17 @@ impl Plan {
     }
 
     /// Samples a lattice of pixels in squares. Those that lie more than two pixels from the surface are skipped: all
-    /// their values are one bound. `counts` is 1 along the axis of the section.
+    /// their values are one bound. `counts` is 1 along the axis of the section, `origin` the first pixel's centre.
     fn fill(&self, field: &WorldField, origin: Vec3, counts: [usize; 3], out: &mut [f32]) {
-        const STRIP_WIDTH: usize = 16;
+        /// Pixels along the edge of a square: small enough to miss the surface, large enough to share a bound.
+        const EDGE: usize = 16;
         let slow = (0..3).find(|&a| counts[a] > 1).unwrap_or(0);
         let fast = (0..3).rev().find(|&a| counts[a] > 1).unwrap_or(2);
         let row = counts[fast];
-        for first in (0..counts[slow]).step_by(STRIP_WIDTH) {
-            let rows = STRIP_WIDTH.min(counts[slow] - first);
-            for start in (0..row).step_by(STRIP_WIDTH) {
-                let columns = STRIP_WIDTH.min(row - start);
+        for first in (0..counts[slow]).step_by(EDGE) {
+            let rows = EDGE.min(counts[slow] - first);
+            for start in (0..row).step_by(EDGE) {
+                let columns = EDGE.min(row - start);
                 let mut part = [1; 3];
                 let mut corner = origin;
                 part[slow] = rows;
@@ -185,7 +186,8 @@ impl Plan {
                 };
                 let mut tile = vec![0.0; lattice.len()];
                 let bound = field.bound(&lattice.span());
-                // Beyond two pixels from the surface only the sign matters.
+                // Beyond two pixels from the surface only the sign matters: shares and outlines take the values of
+                // neighbouring pixels.
                 if bound.lo > 2.0 * self.pixel || bound.hi < -2.0 * self.pixel {
                     let value = if bound.lo > 0.0 { bound.lo } else { bound.hi };
                     tile.fill(value as f32);

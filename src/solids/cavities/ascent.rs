@@ -59,7 +59,7 @@ pub(super) fn beside(slot: usize, axis: usize, last: bool) -> Option<usize> {
     }
 }
 
-/// The number of step 1 along an axis within a leaf.
+/// Difference of the numbers of voxels that are one step apart along each axis.
 const STEPS: [usize; 3] = [64, 8, 1];
 
 /// A voxel of a leaf moved to the opposite face of the neighbouring leaf, or by one step.
@@ -104,6 +104,7 @@ fn leads_of_leaf(space: &BlockDistances, slot: usize, own: &[f32; VOXELS], leads
         let (x, y) = (n >> 6, n >> 3 & 7);
         let at = |first: usize| row(Ok(own), first);
         let here = at(n);
+        // On a face of the leaf the row comes from the opposite face of the leaf beside: 7 * 64 or 7 * 8 away.
         let x_low = if x > 0 {
             at(n - 64)
         } else {
@@ -184,7 +185,7 @@ fn lead_toward(toward: usize, own: &[f32; VOXELS], reach: f32, leads: &mut Leads
     }
 }
 
-/// The leaf that a wide leaf leads to.
+/// The leaf that a wide leaf leads to: the first wide one before it along x, y or z; `None` for a maximum.
 fn wide_lead(space: &BlockDistances, slot: usize) -> Option<usize> {
     let before = (0..3).filter_map(|axis| beside(slot, axis, false));
     before.into_iter().find(|&s| space.slots[s] == Slot::Wide)
@@ -366,7 +367,6 @@ impl Labels {
     /// The first meeting of every two basins at a leaf, in no order.
     pub fn meetings(&self, space: &BlockDistances) -> Vec<Meeting> {
         let mut all = Vec::new();
-        // Those at one leaf: few.
         let mut found = Vec::new();
         for (slot, kind) in space.slots.iter().enumerate() {
             if *kind == Slot::Solid {
@@ -466,7 +466,6 @@ impl Labels {
                 basins: [b, a],
             }
         };
-        // Of several meetings of the same two basins only the first one joins them.
         let is_same = |m: &Meeting| m.basins == [a, b] || m.basins == [b, a];
         match found.iter_mut().find(|m| is_same(m)) {
             Some(known) if known.place() < meeting.place() => {}

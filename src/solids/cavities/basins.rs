@@ -144,7 +144,7 @@ impl BlockBasins {
         }
     }
 
-    /// The face at the end of an axis.
+    /// Takes the face at an end of an axis; a solid one stays in its place.
     pub fn face(&mut self, axis: usize, is_last: bool) -> Face {
         std::mem::replace(
             &mut self.faces[2 * axis + usize::from(is_last)],
@@ -163,6 +163,7 @@ fn leaves_at_face(
 ) {
     let at = move |count: usize, n: usize| {
         let mut at = [n / count, n % count, if is_last { count - 1 } else { 0 }];
+        // The place along the axis, last so far, goes to its number.
         at[axis..].rotate_right(1);
         at
     };
@@ -222,7 +223,6 @@ impl BlockGrowth<'_> {
         if ra == rb {
             return;
         }
-        // Basins are in order of their maxima: the lower number is the deeper one.
         let (deep, shallow) = (ra.min(rb), ra.max(rb));
         let level = self.space.distance(meeting.order as u32);
         let prominence = self.basins[shallow].depth - level;
@@ -251,7 +251,6 @@ impl BlockGrowth<'_> {
             n as usize
         };
         let roots: Vec<usize> = (0..self.basins.len() as u32).map(resolve).collect();
-        // Basins that remain are numbered in order; the voxels of the others are added to them.
         let mut number = vec![UNLABELLED; roots.len()];
         let mut basins: Vec<Basin> = Vec::new();
         for (n, basin) in self.basins.iter().enumerate() {
@@ -302,7 +301,6 @@ fn face(
                 (basin(slot, voxel), distance)
             }
         };
-        // A wide leaf has one basin at one distance, and needs no list of voxels.
         match space.slots[slot] {
             Slot::Solid => Patch::Solid,
             Slot::Wide => {

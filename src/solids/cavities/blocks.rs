@@ -88,6 +88,7 @@ impl VoidGraph {
                 };
                 for axis in 0..3 {
                     let mut before = cell.at;
+                    // Before the first cell the number wraps, and none is found.
                     before[axis] = before[axis].wrapping_sub(1);
                     let own = block.face(axis, false);
                     if let Some((other_first, other)) = open.remove(&(before, axis)) {

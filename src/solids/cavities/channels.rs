@@ -197,7 +197,6 @@ impl<'a, S: LeafSource> Search<'a, S> {
         task: Task<'_>,
     ) -> Result<Vec<Link>, S::Error> {
         let mut open: Vec<(Sources, Link)> = Vec::new();
-        // The best link of each cavity to a room or outside.
         for cavity in cavities {
             if task.progress.cancelled() {
                 return Err(Cancelled.into());
@@ -319,7 +318,7 @@ impl<'a, S: LeafSource> Search<'a, S> {
         }
     }
 
-    /// The number of the cavity that holds a voxel.
+    /// The number of the room that holds a voxel; [`OTHER`] in a pocket that is not to be drained.
     fn label(&self, voxel: Coord) -> Option<u32> {
         let own = self.labels.get(&voxel.aligned(LEAF))?;
         let holds = |bits: &Bits| voxel_mask::contains(bits, offset(voxel));
@@ -393,7 +392,7 @@ impl<'a, S: LeafSource> Search<'a, S> {
                 }
                 self.try_leaf(root, sources, leaf, &mut best)?;
             }
-            // A voxel that is farther away costs more than its distance.
+            // A voxel costs at least its distance, and those not searched are farther than the reach.
             let is_found = best.as_ref().is_some_and(|b| b.cost <= f64::from(reach));
             if is_found || is_whole {
                 return Ok(best);
@@ -432,7 +431,6 @@ impl<'a, S: LeafSource> Search<'a, S> {
             if best.as_ref().is_some_and(|b| least > b.cost) {
                 continue;
             }
-            // The exact cost of each pair; equal costs are ordered by the ends.
             for &p in list {
                 for &q in &targets {
                     let link = Link {
@@ -449,7 +447,7 @@ impl<'a, S: LeafSource> Search<'a, S> {
         Ok(())
     }
 
-    /// The cost of a channel, voxels.
+    /// The cost of a channel, voxels: its length, times 2 - cos of the angle to a preferred direction.
     fn cost(&self, from: Coord, to: Coord) -> f64 {
         let way = [0, 1, 2].map(|a| f64::from(to[a]) - f64::from(from[a]));
         let length = way.iter().map(|d| d * d).sum::<f64>().sqrt();

@@ -121,6 +121,7 @@ fn distances(samples: &Samples, reach: usize) -> BlockDistances {
     let mut found = BlockDistances {
         reach: reach as f32,
         slots: Vec::with_capacity(SLOTS.pow(3)),
+        // A guess: a few layers of leaves beside a surface through the block.
         leaves: Vec::with_capacity(4 * SLOTS.pow(2)),
     };
     run_vectorized(
@@ -197,7 +198,6 @@ fn along_y(samples: &Samples, along_x: &LeafRows, steps: &[f32]) -> LeafRows {
             let wanted: Vec<bool> = (0..SLOTS).map(is_wanted).collect();
             let mut needed = vec![false; side];
             needed[halo..halo + SLOTS].copy_from_slice(&wanted);
-            // The rows of all leaves at this x.
             for x_in_leaf in 0..8 {
                 for (part, leaf) in rows.chunks_exact_mut(8).zip(&before) {
                     if let Some(leaf) = leaf {
@@ -247,7 +247,6 @@ fn along_z(
     let wanted = |z: usize| near[z] && !line[z + halo].is_inside();
     let wanted: Vec<usize> = (0..SLOTS).filter(|&z| wanted(z)).collect();
     let mut column = vec![[-1f32; VOXELS]; wanted.len()];
-    // The leaves within reach of the wanted ones.
     let ends = wanted.first().zip(wanted.last());
     let reached = ends.map_or(0..0, |(first, last)| *first..last + 2 * halo + 1);
     let rows = if wanted.is_empty() { 0..0 } else { 0..64 };

@@ -7,6 +7,7 @@ use druse_geometry::frame::Coord;
 use druse_tilings::band::BLOCK;
 use std::collections::{BTreeSet, HashSet};
 
+/// Voxels along the edge of a block.
 const EDGE: usize = BLOCK as usize;
 
 /// A cell of the grid.

@@ -48,6 +48,7 @@ impl LeafRows {
     }
 }
 
+/// A row of a leaf.
 #[derive(Clone, Copy)]
 struct LeafRow<'a> {
     leaf: &'a Sample<'a>,
@@ -132,7 +133,7 @@ pub(super) fn from_crossings(
     }
 }
 
-/// Squared distances from `-(reach - 1)` to `reach - 1`.
+/// The squares of the steps from `-(reach - 1)` to `reach - 1`: longer ones give no distance below the reach.
 pub(super) fn squared_steps(reach: usize) -> Vec<f32> {
     let far = reach as i32 - 1;
     (-far..=far).map(|step| (step * step) as f32).collect()

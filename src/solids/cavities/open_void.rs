@@ -58,8 +58,8 @@ pub(super) fn needs<S: LeafSource>(
     task: Task<'_>,
 ) -> Result<Vec<Need>, S::Error> {
     let slopes = all_slopes(source, task)?;
-    // A leaf is open only if the slopes of all leaves within reach agree: this many leaves around it, rounded
-    // up.
+    // A leaf is open only if the slopes of all leaves agree that a ball of the reach meets in a step: the reach and one
+    // voxel, in whole leaves, rounded up.
     let ring = ((measure.reach + 1 + LEAF - 1) / LEAF) as usize;
     let mut spaces: Vec<Space> = task.threads.install(|| {
         let cells = grid.cells.par_iter();
@@ -202,6 +202,7 @@ fn grow(grid: &Grid, spaces: &mut [Space], task: Task<'_>) -> Result<(), Cancell
     while let Some(n) = waiting.pop() {
         is_waiting[n] = false;
         visits += 1;
+        // Visits are short: a check now and then suffices.
         if visits.is_multiple_of(1 << 10) && task.progress.cancelled() {
             return Err(Cancelled);
         }

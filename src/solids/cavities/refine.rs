@@ -71,8 +71,7 @@ fn distance<S: LeafSource>(
     // The least squared distance to the surface in the cells of the lattice around the voxel. In a cell the surface is
     // that of the linear function in each of its tetrahedra.
     let mut least = most * most;
-    // The centre of a cell is at most half a diagonal from its surface.
-    // 0.87 is half the diagonal of a unit cube, rounded up.
+    // The centre of a cell is at most half its diagonal, 0.87 rounded up, from the surface in it.
     let limit = (most + 0.87).powi(2);
     for x in -reach..reach {
         for y in -reach..reach {

@@ -118,9 +118,9 @@ impl Samples {
             let [x, y, z] = [0, 1, 2].map(|a| ((leaf[a] - region.min[a]) / LEAF) as usize);
             (x * side + y) * side + z
         };
+        // A guess: a few layers of leaves beside a surface through the block.
         let mut leaves: Vec<StoredLeaf> = Vec::with_capacity(4 * SLOTS.pow(2));
         let mut numbers = Vec::new();
-        // Leaves with values, then those inside; all others are outside.
         source.visit_leaves(region, &mut |leaf| {
             if numbers.is_empty() {
                 numbers = vec![OUTSIDE; side.pow(3)];

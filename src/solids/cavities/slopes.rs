@@ -38,7 +38,7 @@ fn rising_within(solid: &Bits) -> [bool; 6] {
             rising[1] |= next & !own;
         }
         let (along_y, along_z) = (own >> 8, own >> 1);
-        // All but the last voxel of each row.
+        // All but the last row, and all but the last voxel of each row: 0x7f in every byte.
         let (rows, voxels) = (u64::MAX >> 8, u64::MAX / 0xff * 0x7f);
         rising[2] |= own & !along_y & rows;
         rising[3] |= along_y & !own & rows;

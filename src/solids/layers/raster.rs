@@ -33,7 +33,6 @@ impl RimPixel {
         let is_solid = values[1][1] < 0.0;
         let mut excess = 0.0;
         for (r, c) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
-            // Around the cell.
             let corners = [
                 values[r][c],
                 values[r][c + 1],
@@ -244,7 +243,6 @@ impl Components {
         let mut excess = vec![0.0; count];
         let mut rim = raster.rim.iter().peekable();
         let mut runs = Vec::with_capacity(spans.len());
-        // Pixels, middle and area of each component, run by run.
         for row in 0..raster.rows {
             for n in rows[row]..rows[row + 1] {
                 let (span, label) = (spans[n], labels[n]);

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 /// Edge of the tiles that are sampled at once, pixels: the bits of a word.
 const TILE: usize = 64;
-/// Greatest height of the layers that are sampled at once, voxels, and their greatest number.
+/// Greatest height of the layers that are sampled at once, voxels, and their greatest number: what bounds the memory.
 const GROUP_HEIGHT: f64 = 32.0;
 const MAX_GROUP: usize = 64;
 
@@ -213,7 +213,6 @@ fn tile<S: LeafSource>(
         return Ok(Some(tile));
     }
     let mut values = vec![[0.0; GROWN]; GROWN];
-    // Values at the pixels of the layer, from which bits and outline follow.
     for layer in 0..count {
         for (row, line) in (0..).zip(&mut values) {
             for (column, value) in (0..).zip(line) {

@@ -70,8 +70,8 @@ pub fn cli_head(plan: &Plan) -> String {
     )
 }
 
-/// One layer: the height of its upper end, then its outlines, with direction 1 counter-clockwise around solid
-/// and 0 clockwise around a hole. The first point of an outline is repeated at its end.
+/// One layer: the height of its upper end, then its outlines as those of part 1, with direction 1 counter-clockwise
+/// around solid and 0 clockwise around a hole. The first point of an outline is repeated at its end.
 pub fn cli_layer(plan: &Plan, n: usize, outlines: &[Outline], to_mm: f64) -> String {
     let mut text = format!("$$LAYER/{:.6}\n", (plan.bottom(n) + plan.height) * to_mm);
     for outline in outlines {
