@@ -312,6 +312,7 @@ impl LevelSet {
         let leaves = self.leaves()?;
         Ok(threads.install(|| {
             let first = self.bounds_at_ends(&leaves);
+            // A leaf is quick work: threads take 64 at a time.
             let all = (0..leaves.len()).into_par_iter().with_min_len(64);
             let bounds = all.fold(
                 || first,

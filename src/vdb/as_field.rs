@@ -11,7 +11,7 @@
 use super::builder::LevelSetBuilder;
 use super::error::VdbError;
 use super::{LevelSet, Session, ffi};
-use crate::band::{BLOCK, Band, LeafSink, Region};
+use crate::band::{BLOCK, Band, LEAF, LeafSink, Region};
 use crate::field::{Field, Interval, SampleLattice};
 use crate::frame::{Aabb, Coord, Mat3, Transform, Vec3, WorldPoint};
 use std::collections::HashMap;
@@ -74,8 +74,8 @@ pub struct SampledLevelSet {
     blocks: Ranges,
 }
 
-/// Ratio of new to old voxel edge from which the old voxels are doubled before resampling: details finer than
-/// half a new voxel do not matter, and the band would have to be widened to many times its width.
+/// Ratio of new to old voxel edge from which the old voxels are doubled before resampling (they stay at most half a new
+/// one): details finer than half a new voxel do not matter, and the band would have to be widened to many times its width.
 pub const MAX_REFINEMENT_RATIO: f64 = 4.0;
 
 /// Factor on values beyond the band, so that they exceed any requested half width.
@@ -120,7 +120,6 @@ impl SampledLevelSet {
         let target = half_width / (placement.scale * h) + 2.0;
         let extra = (target - level_set.half_width()).ceil().clamp(0.0, 4096.0);
         level_set.widen_within(extra as u32, region, session)?;
-        // Ranges of leaves and of blocks: bounds of small and of large regions.
         let mut leaves = Ranges::new();
         let mut blocks = Ranges::new();
         level_set.for_each_leaf(|leaf| {
@@ -131,7 +130,7 @@ impl SampledLevelSet {
                     (a.min(v), b.max(v))
                 });
             leaves.insert(leaf.origin, range);
-            let block = blocks.entry(leaf.origin.aligned(128)).or_insert(range);
+            let block = blocks.entry(leaf.origin.aligned(BLOCK)).or_insert(range);
             *block = (block.0.min(range.0), block.1.max(range.1));
         })?;
         let bounds = level_set.bounds()?;
@@ -172,7 +171,7 @@ impl SampledLevelSet {
             .iter()
             .map(|&p| self.placement.inverse(p).into())
             .collect();
-        // Fails only if the lengths differ.
+        // Quadratic (true) along each axis; fails only if the lengths differ.
         if ffi::grid_samples(&self.level_set.grid, inside.as_flattened(), true, out).is_err() {
             out.fill(self.level_set.background() as f32);
         }
@@ -241,15 +240,15 @@ impl Field for SampledLevelSet {
             * f64::from(BEYOND_BAND_FACTOR)
             * 2.0;
         let inside = self.placement.inverted().image(*region);
-        // A parabola depends on voxels up to two beyond its cell.
+        // A parabola depends on voxels up to two beyond its cell; 1e9 keeps coordinates and their differences in 32 bits.
         let index = |v: f64| v.clamp(-1e9, 1e9) as i32;
         let origin = self.level_set.origin();
         let low = Coord([0, 1, 2].map(|a| index(((inside.min[a] - origin[a]) / h).floor()) - 2));
         let high = Coord([0, 1, 2].map(|a| index(((inside.max[a] - origin[a]) / h).ceil()) + 2));
         // Leaves give the tighter range; a large region has too many of them.
         let range = self
-            .range(low, high, 8, &self.leaves)
-            .or_else(|| self.range(low, high, 128, &self.blocks));
+            .range(low, high, LEAF, &self.leaves)
+            .or_else(|| self.range(low, high, BLOCK, &self.blocks));
         let Some((a, b)) = range else {
             return Interval::new(-w, w);
         };

@@ -10,7 +10,7 @@ use super::{LevelSet, Session};
 use crate::band::Region;
 use druse_solids::voxel_mask;
 
-/// Share of the background from which a value counts as the full half width.
+/// Share of the background from which a value counts as the full half width: less by more than half floats round.
 const FULL_WIDTH_SHARE: f32 = 1.0 - 1e-3;
 
 /// Extreme values of one side of the surface.

@@ -96,15 +96,14 @@ impl LevelSetBuilder {
             .unwrap_or_else(PoisonError::into_inner);
         let mut grid =
             ffi::grid_new(self.transform.voxel_size(), self.background).map_err(failed)?;
-        // In order of origin, so that the tree is the same at any number of threads.
         for block in blocks.into_values() {
             if let Some(block) = Arc::into_inner(block) {
                 let block = block.into_inner().unwrap_or_else(PoisonError::into_inner);
                 ffi::grid_attach(grid.pin_mut(), block).map_err(failed)?;
             }
         }
-        // A part of a solid cannot derive the signs beyond its band, so its inner cubes are given. A
-        // whole solid derives them from the band.
+        // A part of a solid cannot derive the signs beyond its band, so its inner cubes are given as inactive tiles
+        // (false). A whole solid derives them from the band.
         if let Some(inside) = self.inside {
             let cubes = inside.into_inner().unwrap_or_else(PoisonError::into_inner);
             for (origin, edge) in tiles(&cubes, self.first) {

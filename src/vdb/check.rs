@@ -248,7 +248,6 @@ fn count_leaf(
         } else {
             counts.off += u64::from(excess.abs() > 1e-3);
         }
-        // The slope |grad phi| = 1 is measured where the voxel and all six neighbours are active.
         let mut all_active = active;
         let mut slope = [0.0; 3];
         for f in 0..6 {

@@ -274,7 +274,6 @@ impl Components {
             first_tile += list.len();
             parts.push((first, list));
         }
-        // The last member stands for all space beyond leaves and tiles.
         let outside = first_tile + index.tiles.len();
         let mut sets = UnionFind::new(outside + 1);
         join_leaves(index, &parts, side, first_tile, &mut sets);
@@ -366,7 +365,6 @@ fn join_leaves(
             match index.holder(beside) {
                 Holder::Leaf(other) if last => {
                     let (other_first, others) = &parts[other];
-                    // Two parts touch if voxels of both face each other.
                     for (n, mine) in here.enumerate() {
                         for (m, part) in others.iter().enumerate() {
                             if voxel_mask::intersects(

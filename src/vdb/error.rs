@@ -10,7 +10,7 @@ use crate::progress::Cancelled;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Maximum number of cubes.
+/// Greatest number of elements of a voxel mesh.
 pub const MAX_CUBES: u64 = 1 << 28;
 
 /// Why an operation on a level set failed. After a failure of OpenVDB or cancellation the level set is empty, or as

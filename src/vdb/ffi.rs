@@ -63,6 +63,7 @@ mod bridge {
         class_name: String,
         voxel_size: [f64; 3],
         origin: [f64; 3],
+        /// Whether it is a uniform positive scale and a translation.
         plain_transform: bool,
         /// World positions of the corners of the cube from voxel 0 to voxel 64; bit 0 of a corner's
         /// number is x, bit 1 y, bit 2 z.
@@ -182,6 +183,7 @@ mod bridge {
             voxel_size: f64,
             origin: &[f64; 3],
         ) -> Result<()>;
+        /// Makes a cube of 8, 128 or 4096 voxels a tile.
         fn grid_put_tile(
             grid: Pin<&mut Grid>,
             origin: &[i32; 3],
@@ -211,6 +213,7 @@ mod bridge {
         ) -> Result<()>;
         /// Moves the block into the grid.
         fn grid_attach(grid: Pin<&mut Grid>, block: UniquePtr<Block>) -> Result<()>;
+        /// Gives inactive values the sign of the band beside them.
         fn grid_flood_fill(grid: Pin<&mut Grid>, host: &Host<'_>) -> Result<()>;
         /// A copy as a fog volume `density`.
         fn grid_fog(grid: &Grid, host: &Host<'_>) -> Result<UniquePtr<Grid>>;
@@ -285,6 +288,7 @@ mod bridge {
             smoothing: Smoothing,
             host: &Host<'_>,
         ) -> Result<()>;
+        /// Restores |gradient| = 1 in the band by `normalisations` steps.
         fn grid_renormalise(
             grid: Pin<&mut Grid>,
             smoothing: Smoothing,
@@ -336,6 +340,7 @@ mod bridge {
             smoothing: Smoothing,
             host: &Host<'_>,
         ) -> Result<()>;
+        /// Makes nodes of one value tiles.
         fn grid_prune(grid: Pin<&mut Grid>, host: &Host<'_>) -> Result<()>;
         /// Combines the grid with the operand, which it consumes.
         fn grid_csg(
@@ -363,7 +368,7 @@ mod bridge {
             host: &Host<'_>,
         ) -> Result<UniquePtr<Grid>>;
 
-        /// World units.
+        /// World units, cubed and squared.
         fn grid_volume(grid: &Grid, host: &Host<'_>) -> Result<f64>;
         fn grid_area(grid: &Grid, host: &Host<'_>) -> Result<f64>;
         /// `path` as bytes.

@@ -187,6 +187,7 @@ pub fn info(path: &Path) -> Result<FileInfo, FileError> {
     })
 }
 
+/// OpenVDB's names of the types of grids that are read or hashed.
 pub(super) const FLOAT_GRID_TYPE: &str = "Tree_float_5_4_3";
 const VECTOR_GRID_TYPE: &str = "Tree_vec3s_5_4_3";
 pub(super) const DOUBLE_GRID_TYPE: &str = "Tree_double_5_4_3";
@@ -273,7 +274,7 @@ pub(super) fn pick(
     Ok((names[index].clone(), grid))
 }
 
-/// Greatest number of coarser copies of a level set.
+/// Greatest number of coarser copies of a level set, `surface_lod_1` and so on; each has twice the edge of the last.
 const MAX_LOD: u32 = 8;
 
 /// How a level set is read that may be too large for a view.
@@ -349,7 +350,6 @@ pub(super) fn pick_for_view(
         }
         return level_set();
     }
-    // The level set itself, if it is small enough.
     if loading == Loading::AtOnce {
         let found = level_set()?;
         if ffi::grid_active_voxels(&found.grid).map_err(damaged)? <= reading.max_voxels {

@@ -31,6 +31,7 @@ const TILE_EDGES: [i32; 3] = [8, 128, 4096];
 struct CoordHasher(u64);
 
 impl CoordHasher {
+    /// Adds a number; the odd factor, 2^64 over the golden ratio, spreads it over all higher bits.
     fn mix(&mut self, number: u64) {
         self.0 = (self.0.rotate_left(5) ^ number).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     }

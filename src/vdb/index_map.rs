@@ -90,6 +90,7 @@ impl IndexMap {
             if !step.iter().all(|c| c.is_finite()) {
                 return None;
             }
+            // Steps are in voxels; an affine map needs one.
             if self.is_affine() || step.norm() < 1e-9 {
                 return Some(index);
             }
@@ -127,7 +128,8 @@ impl IndexMap {
             let edges = self.edges(corner);
             let volume = edges.determinant();
             let lengths: f64 = edges.column_iter().map(|c| c.norm()).product();
-            // Beyond the apex of a frustum two edges are reversed, while the volume keeps its sign.
+            // Flat up to rounding is 1e-9 of the box with these edges. Beyond the apex of a frustum two edges are
+            // reversed, while the volume keeps its sign.
             let is_reversed = (0..3).any(|a| edges.column(a).dot(&first.column(a)) <= 0.0);
             volume.is_finite() && volume * sign > 1e-9 * lengths && lengths > 0.0 && !is_reversed
         })
@@ -149,7 +151,6 @@ impl IndexMap {
         } else {
             format!("voxels of {a} x {b} x {c}")
         };
-        // Edges that are not at right angles.
         let is_sheared = [(x, y), (y, z), (z, x)]
             .iter()
             .any(|(u, v)| u.dot(v).abs() > RELATIVE_TOLERANCE * u.norm() * v.norm());

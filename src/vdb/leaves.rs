@@ -202,6 +202,7 @@ pub(super) fn values_of(grid: &ffi::Grid, voxels: &[Coord]) -> Result<Vec<f32>, 
 pub(super) fn samples_of(grid: &ffi::Grid, points: &[WorldPoint]) -> Result<Vec<f32>, VdbError> {
     let flat: Vec<[f64; 3]> = points.iter().map(|p| p.0.into()).collect();
     let mut values = vec![0.0; points.len()];
+    // Not quadratic (false).
     ffi::grid_samples(grid, flat.as_flattened(), false, &mut values)
         .map_err(|e| VdbError::plain("sampling", &e))?;
     Ok(values)

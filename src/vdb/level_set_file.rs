@@ -53,6 +53,7 @@ impl LevelSetFile {
         half_width: f64,
     ) -> Result<Self, FileError> {
         let path = path.as_ref().to_owned();
+        // Plan and brick mark the files of a resumable run; this one is read at once.
         let head = LeafFileHead {
             plan: [0; 32],
             brick: 0,

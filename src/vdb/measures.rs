@@ -51,7 +51,6 @@ impl LevelSet {
         let middle = middle(&index);
         let numbers: Vec<usize> = (0..index.leaves.len()).collect();
         let groups: Vec<[f64; 2]> = session.threads.install(|| {
-            // Sums by groups of fixed size, added in order: equal at any number of threads.
             let groups = numbers.par_chunks(GROUP_LEAVES).map(|group| {
                 if session.progress.cancelled() {
                     return Err(Cancelled);
@@ -68,7 +67,6 @@ impl LevelSet {
             .fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
         let components = Components::bodies(&index, h, session)?;
         Ok(Measures {
-            // Divergence theorem: 3 V is the integral of x . n over the surface.
             volume: volume / 3.0 * h.powi(3),
             area: area * h.powi(2),
             components: components.ranking.counted().len() as u64,

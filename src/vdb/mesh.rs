@@ -83,6 +83,7 @@ impl LevelSet {
                 for (axis, side) in [(0, -1), (0, 1), (1, -1), (1, 1), (2, -1), (2, 1)] {
                     let stride = 64 >> (3 * axis);
                     let index = (n / stride) & 7;
+                    // Beyond the leaf, `& 7` gives the place on the opposite face of the leaf beside.
                     let along = index as i32 + side;
                     let base = n - stride * index + stride * (along & 7) as usize;
                     let outer = if (0..LEAF).contains(&along) {
@@ -324,6 +325,7 @@ pub(super) fn leaf_values<'a>(leaves: &'a super::leaves::Leaves<'_>) -> Vec<Leaf
         origin: leaf.origin,
         values: leaf.values,
     };
+    // A leaf is quick work: threads take a thousand at a time.
     let numbers = (0..leaves.len()).into_par_iter().with_min_len(1 << 10);
     numbers
         .flat_map_iter(|n| leaves.get(n).map(value))

@@ -67,7 +67,6 @@ impl StoredComponents {
         progress.stage("components", Some(store.blocks().count() as u64));
         // Members of the sets: the outside, empty cubes, then the labels of all blocks.
         let mut sets = UnionFind::new(1);
-        // Member 0 is the unbounded outside.
         let unbounded = (side == Side::Void).then_some(0);
         let mut stats = vec![ComponentStats {
             place: unbounded.map(|_| UNBOUNDED_PLACE),
@@ -75,7 +74,6 @@ impl StoredComponents {
         }];
         let empty = EmptySpace::new(store, side, &mut sets, &mut stats);
         let mut blocks = BTreeMap::new();
-        // Blocks of the previous slab.
         let mut previous: BTreeMap<Coord, (usize, Faces)> = BTreeMap::new();
         let origins: Vec<Coord> = store.blocks().collect();
         for slab in origins.chunk_by(|a, b| a[0] == b[0]) {

@@ -16,14 +16,14 @@ use std::pin::Pin;
 
 /// Greatest width of a filter, voxels to either side; far below 645, where OpenVDB's median begins to fail.
 pub(crate) const MAX_FILTER_WIDTH: u32 = 64;
-/// Greatest number of iterations of a filter.
+/// Greatest number of iterations of a filter: far more than any smoothing needs.
 const MAX_FILTER_ITERATIONS: u32 = 1000;
 
 /// Greatest distance outwards, voxels: a point that is dilated this far has a band of some 2e10 voxels.
 const MAX_DILATION: f64 = 16_384.0;
 
 /// Keeps OpenVDB's own number of normalisations after each step.
-const OPENVDB_DEFAULT: i32 = -1;
+pub(super) const OPENVDB_DEFAULT: i32 = -1;
 
 /// Options of a filter of the bridge, with the session's scheme and OpenVDB's number of normalisations.
 fn smoothing(width: u32, iterations: u32, session: Session<'_>) -> Smoothing {

@@ -73,7 +73,6 @@ impl LevelSet {
     ) -> Result<(), VdbError> {
         let own_half_width = self.half_width;
         let is_narrow = !SurfacePoints::suffices(own_half_width);
-        // A narrow band does not determine surface points: it is widened first and cut off last.
         if is_narrow {
             let half_width = SurfacePoints::MIN_HALF_WIDTH;
             let rebuild = Rebuild {
@@ -85,7 +84,6 @@ impl LevelSet {
             self.rebuild(operation, rebuild, session)?;
             self.half_width = half_width;
         }
-        // The work for a leaf grows with the third power of the offset, so long offsets go in equal steps.
         let steps = Self::offset_steps(outwards / self.voxel_size());
         let rebuild = Rebuild {
             outwards: outwards / steps as f64,
@@ -143,7 +141,6 @@ impl LevelSet {
     ) -> Result<(), VdbError> {
         let background = how.background;
         let is_wider = background > self.background() as f32;
-        // All new leaves are computed from the old ones before any is written.
         let changed = session
             .threads
             .install(|| self.changed_leaves(how, session));

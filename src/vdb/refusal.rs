@@ -76,6 +76,7 @@ pub(super) fn value_hint(value: f64) -> String {
 /// A world position as text, rounded to a thousandth of a voxel's edge or finer.
 pub(super) fn place_of(at: Vec3, edge: f64) -> String {
     let step = 10f64.powi(edge.log10().floor() as i32 - 3);
+    // The sum turns -0 into 0.
     let [x, y, z] = [at.x, at.y, at.z].map(|c| ((c / step).round() * step) as f32 + 0.0);
     format!("({x}, {y}, {z})")
 }

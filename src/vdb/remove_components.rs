@@ -261,7 +261,6 @@ impl<'a> Removal<'a> {
             let view = &self.index.leaves[leaf];
             let (mut mask, mut values) = (view.mask, *view.values);
             for n in (0..512).filter(|&n| voxel_mask::contains(bits, n)) {
-                // Near a remaining surface a voxel takes its distance to that, else it becomes background.
                 let marched_value = marched.get(&view.voxel(n));
                 values[n] = marched_value.map_or(fill, |psi| self.sign * psi);
                 mask[n >> 6] &= !(1 << (n & 63));

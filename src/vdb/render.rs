@@ -73,11 +73,11 @@ impl Picture {
         }
         let (columns, rows) = (width * SAMPLES_PER_EDGE, height * SAMPLES_PER_EDGE);
         let towards = self.towards_eye;
+        // A coarse view, of an eighth of the pixels along each side but at least 32, finds the part that is filled.
         let coarse = [width.div_ceil(8).max(32), height.div_ceil(8).max(32)];
         let view = View::fit(bounds, towards, self.perspective, coarse[0], coarse[1]);
         // The key light comes from above, the left and behind the viewer.
         let key = (view.up * 0.8 - view.right * 0.7 - view.forward * 0.55).normalize();
-        // A coarse view finds the part of the frame that is filled.
         let (low, high) = covered(&trace(&view, key, &[])?, coarse[0]);
         let view = view.cropped(low, high, columns, rows);
         let at_once = tracing == Tracing::AllSamples;
@@ -108,7 +108,6 @@ impl Picture {
             });
             Ok::<Vec<_>, E>(session.threads.install(|| hits.collect()))
         };
-        // First one sample per pixel, then more where these show an edge.
         let mut samples = Samples::first(width, height, &mut trace_samples)?;
         samples.divide(&mut trace_samples)?;
         session.threads.install(|| {

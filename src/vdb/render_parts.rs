@@ -53,6 +53,7 @@ pub fn render_parts<E: From<VdbError> + Send>(
         if view.size()[0] < picture.width {
             for n in outermost_first(view, boxes) {
                 if !scene.covers(boxes[n]) {
+                    // Beyond all depths: samples without a hit so far.
                     let samples = scene.samples_beyond(boxes[n], f64::MAX);
                     if !samples.is_empty() {
                         scene.trace(&make(n)?, &samples)?;

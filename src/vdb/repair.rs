@@ -107,6 +107,7 @@ impl Volume {
             survey.negative
         };
         if inside == 0 && !self.has_inside(repair.factor) {
+            // A wall of half the known distances, at most three voxels thick, is a solid.
             return Err(Refusal::new(
                 "no distance below 0: an unsigned distance, which has no inside",
                 "signed distances",
@@ -190,7 +191,7 @@ impl Volume {
             ));
             return;
         }
-        // The nearest power of ten: a unit such as metres for millimetres.
+        // The nearest power of ten, within a tenth: a unit such as metres for millimetres.
         let decimal = 10f64.powi(slope.log10().round() as i32);
         let is_near = |a: f64| (slope / a - 1.0).abs() < 0.1;
         let (factor, what) = if is_near(1.0 / h) {

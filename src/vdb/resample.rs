@@ -43,7 +43,6 @@ pub(super) fn on_cubes(
         };
         let extent = mapped.bounds();
         let solid = MeshSolid::new(mapped);
-        // An open surface bounds no solid.
         if !solid.is_cycle() {
             return Err(VdbError::Open);
         }

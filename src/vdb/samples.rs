@@ -16,9 +16,10 @@ pub(super) struct Samples {
 
 /// Extra samples of a divided pixel.
 const EXTRA_SAMPLES: usize = SAMPLES_PER_EDGE * SAMPLES_PER_EDGE - 1;
-/// Least cosine between the normals of neighbouring pixels on one surface.
+/// Least cosine between the normals of neighbouring pixels on one surface: 32 degrees.
 const MIN_NORMAL_COSINE: f32 = 0.85;
-/// Greatest squared sine of the angle between the tangent plane and the line to a neighbouring pixel on one surface.
+/// Greatest squared sine of the angle between the tangent plane and the line to a neighbouring pixel on one surface: 18
+/// degrees.
 const MAX_RISE: f32 = 0.1;
 
 impl Samples {

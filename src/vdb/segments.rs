@@ -110,7 +110,6 @@ impl LevelSet {
                 Some(&n) => (edit.masks[n], &edit.values[n]),
                 None => (leaf.mask, leaf.values),
             };
-            // Leaves that lose all active voxels are left out.
             if !voxel_mask::is_empty(&mask) {
                 let batch = blocks.entry(leaf.origin.aligned(BLOCK)).or_default();
                 batch.push(leaf.origin, mask, values);

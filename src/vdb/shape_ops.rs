@@ -6,6 +6,7 @@
 use super::builder::LevelSetBuilder;
 use super::error::VdbError;
 use super::ffi::{Csg, Smoothing};
+use super::ops::OPENVDB_DEFAULT;
 use super::volume::Volume;
 use super::{LevelSet, Scheme, Session, ffi};
 use crate::band::{Band, Region, SurfacePoints};
@@ -54,7 +55,7 @@ pub enum WallSide {
     Both,
 }
 
-/// Options of OpenVDB's wider bands: the values of new voxels must be distances.
+/// Options of OpenVDB's wider bands: the values of new voxels must be distances, which 6 steps of half a voxel restore.
 fn widening() -> Smoothing {
     Smoothing {
         width: 1,
@@ -182,7 +183,7 @@ impl LevelSet {
     ) -> Result<(), VdbError> {
         check_positive("radius of the blend", radius)?;
         self.check_same_voxels(&operand)?;
-        // Both distances are needed up to the radius.
+        // Both distances are needed up to the radius, with two voxels to spare.
         let extra = (radius / self.voxel_size() + 2.0 - self.half_width).ceil();
         // The band is widened by at most so many voxels; a greater radius is not refused.
         let extra = extra.clamp(0.0, 4096.0) as u32;
@@ -212,7 +213,7 @@ impl LevelSet {
         // The first-order scheme would move flat walls by more than the error of the fillet.
         let smoothing = Smoothing {
             high_order: true,
-            normalisations: -1,
+            normalisations: OPENVDB_DEFAULT,
             ..widening()
         };
         self.change("fillet", session, |grid, host| {
@@ -278,7 +279,7 @@ impl LevelSet {
 fn tracking(session: Session<'_>) -> Smoothing {
     Smoothing {
         high_order: session.scheme == Scheme::Weno5,
-        normalisations: -1,
+        normalisations: OPENVDB_DEFAULT,
         ..widening()
     }
 }

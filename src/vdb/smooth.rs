@@ -104,7 +104,6 @@ impl LevelSet {
         let smoother = match smoothed {
             Ok(smoother) => smoother,
             Err(stopped) => {
-                // After a cancellation the level set is empty, as after other operations that stop.
                 self.clear()?;
                 return Err(VdbError::Cancelled(stopped));
             }

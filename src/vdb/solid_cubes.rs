@@ -175,7 +175,6 @@ fn leaf_cubes(
     let mut cubes: Vec<CubeParts> = Vec::new();
     for (n, &v) in view.values.iter().enumerate() {
         let voxel = view.voxel(n);
-        // The whole cell is void, or is not selected.
         if v >= MAX_CUT_DISTANCE * h || !contains(voxel) {
             continue;
         }
@@ -196,7 +195,7 @@ fn leaf_cubes(
             continue;
         }
         let cube = Coord(voxel.0.map(|c| c.div_euclid(edge)));
-        // Equal cubes that this misses are added up later.
+        // Neighbouring voxels share cubes, so that the last eight suffice; equal ones that these miss are added up later.
         match cubes.iter_mut().rev().take(8).find(|c| c.0 == cube) {
             Some(known) => known.1 += parts,
             None => cubes.push((cube, parts)),
@@ -234,6 +233,7 @@ pub fn largest_face_component(cubes: &[Coord]) -> (Vec<Coord>, usize) {
     for &c in &component {
         sizes[c as usize] += 1;
     }
+    // Backwards, since `max_by_key` takes the last of equal ones.
     let largest = (0..count).rev().max_by_key(|&c| sizes[c]).unwrap_or(0);
     let kept = cubes
         .iter()

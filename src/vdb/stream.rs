@@ -23,7 +23,7 @@ pub use fog::StoredFog;
 /// Memory of a leaf without its values, including its share of the nodes above, bytes.
 const LEAF_OVERHEAD_BYTES: u64 = 192;
 
-/// Memory of the values of the blocks that are encoded at once, bytes.
+/// Memory of the values of the blocks that are read and encoded at once on all threads, bytes.
 pub const MAX_BYTES_AT_ONCE: u64 = 8 << 20;
 
 /// A grid on disk.
@@ -222,7 +222,9 @@ impl StoredGrid<'_> {
             box_min: low.0,
             box_max: high.0,
             active_voxels: active_voxels as i64,
-            bytes: (self.leaves() * (LEAF_OVERHEAD_BYTES + 2048 * values as u64)) as i64,
+            bytes: (self.leaves()
+                * (LEAF_OVERHEAD_BYTES + size_of::<[f32; VOXELS]>() as u64 * values as u64))
+                as i64,
             inside,
             inside_active,
         }

@@ -64,12 +64,14 @@ impl Limits {
             let _ = setrlimit(resource, limit);
         };
         limit(Resource::As, self.memory);
+        // A crash leaves no image of the memory on the disk.
         limit(Resource::Core, 0);
         // A killed parent keeps no time: the child ends with it.
         let _ = set_parent_process_death_signal(Some(Signal::KILL));
     }
 
-    /// Limits for a file of this size: 2 GiB plus 40 times its size, 10 s plus 1 s per 20 MB.
+    /// Limits for a file of this size, well above what a sound one needs: 2 GiB plus 40 times its size, 10 s plus 1 s per
+    /// 20 MB.
     pub fn for_size(bytes: u64) -> Self {
         Self {
             memory: (2 << 30) + bytes.saturating_mul(40),
@@ -124,8 +126,8 @@ impl Program {
     /// only grid of floats.
     ///
     /// # Errors
-    /// As [`Program::inspect`]; [`FileError::NoGrid`], and [`FileError::NotALevelSet`] for other types
-    /// and for voxels that are not cubes.
+    /// As [`Program::inspect`]; [`FileError::NoGrid`], and [`FileError::NotALevelSet`] for other types than floats and
+    /// doubles and for voxels without a volume.
     pub fn fetch(&self, path: &Path, name: Option<&str>) -> Result<Volume, FileError> {
         self.fetch_with(path, name, None)
     }

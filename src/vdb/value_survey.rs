@@ -72,6 +72,7 @@ impl Survey {
     /// Adds the values of a leaf. `bbox` is the box of active voxels, at whose faces values are surveyed as well. All
     /// values are tested for NaN and infinity, active or not.
     fn add_leaf(&mut self, leaf: &LeafView<'_>, bbox: [[i32; 3]; 2]) {
+        /// Bits that are all set in NaN and infinities only.
         const EXPONENT: u32 = 0x7f80_0000;
         // A loop without an early exit is vectorised.
         let is_bad = |v: &f32| v.to_bits() & EXPONENT == EXPONENT;

@@ -92,7 +92,6 @@ impl Volume {
                     "write the grid again with another transform".to_owned(),
                 ));
             }
-            // In index space its voxels are cubes of edge 1.
             ffi::grid_set_transform(grid.pin_mut(), 1.0, &[0.0; 3]).map_err(damaged)?;
         } else if Transform::new(info.voxel_size[0]).is_none() {
             return Err(refuse(

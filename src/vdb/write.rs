@@ -233,7 +233,6 @@ impl<'a> VdbWriter<'a> {
                 },
             });
         }
-        // The latest value counts.
         self.tags.retain(|(k, _)| k != key);
         self.tags.push((key.to_owned(), value.to_owned()));
         Ok(())

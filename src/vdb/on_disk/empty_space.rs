@@ -158,7 +158,6 @@ fn label_slots(
     let (number, count) = slot_sets.labels((0..SLOTS).filter(|&n| is_on_side(n)));
     let first = sets.extend(count);
     stats.resize(first + count, ComponentStats::default());
-    // Each slot adds its cube of 128 voxels to the statistics of its part.
     for n in (0..SLOTS).filter(|&n| is_on_side(n)) {
         let offset = |shift: usize| (n >> shift & (SLOTS_PER_EDGE - 1)) as i32 * BLOCK;
         let low_corner = node.origin.offset(offset(10), offset(5), offset(0));

@@ -101,7 +101,6 @@ pub(super) fn label(
     let batch = store.read(origin, Region::EVERYWHERE)?;
     let inside = store.inside_slots(origin);
     let is_inside = |n: usize| inside.is_some_and(|i| i[n >> 6] >> (n & 63) & 1 == 1);
-    // Slots without a leaf are full or empty as a whole.
     let mut slots: Vec<Slot> = (0..SLOTS)
         .map(|n| {
             if is_inside(n) == (side == Side::Solid) {
@@ -164,7 +163,6 @@ pub(super) fn label(
     for (n, part) in stats.into_iter().enumerate() {
         totals[label[n] as usize].add(part);
     }
-    // Full slots add their cubes; parts have been added.
     for (n, _) in slots
         .iter()
         .enumerate()
@@ -201,7 +199,6 @@ fn join_slots(
     let is_on_face = |part: &u32, last: bool| !voxel_mask::is_empty(&face(*part, last));
     match (one, other) {
         (Slot::Full, Slot::Full) => sets.union(parts.len() + n, parts.len() + m),
-        // All parts with a voxel on the face touch the full slot.
         (Slot::Parts(a, b), Slot::Full) => {
             for part in (a..b).filter(|p| is_on_face(p, true)) {
                 sets.union(part as usize, parts.len() + m);
@@ -215,7 +212,6 @@ fn join_slots(
         (Slot::Parts(a, b), Slot::Parts(c, d)) => {
             for part in a..b {
                 let mine = face(part, true);
-                // Two parts touch if voxels of both face each other.
                 for next in c..d {
                     if voxel_mask::intersects(&mine, &face(next, false)) {
                         sets.union(part as usize, next as usize);

@@ -265,6 +265,7 @@ impl<'a> StoredFog<'a> {
                     }
                 }
                 for &block in &blocks {
+                    // The 16^2 slots of a row are four words.
                     let inside = self.store.inside_slots(block).into_iter();
                     let inside = inside.flat_map(|words| slots(&words[4 * row..4 * row + 4]));
                     tiles.extend(inside.map(|n| {
