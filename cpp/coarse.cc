@@ -13,6 +13,7 @@ CoarseCopy::CoarseCopy(float background, std::int32_t step) : grid_(FloatGrid::c
 }
 
 Coord CoarseCopy::leaf_of(const Coord& fine) const {
+  // A leaf of the copy covers step^3 leaves; quotients are rounded down, below 0 too.
   const auto divided = [&](int v) { return v >= 0 ? v / step_ : -((step_ - 1 - v) / step_); };
   return Coord(8 * divided(fine.x() >> 3), 8 * divided(fine.y() >> 3), 8 * divided(fine.z() >> 3));
 }
@@ -72,6 +73,7 @@ std::unique_ptr<Grid> grid_coarse(Grid& handle, std::int32_t step) {
   CoarseCopy copy(fine.background(), step);
   for (auto leaf = fine.tree().cbeginLeaf(); leaf; ++leaf) copy.note_leaf(leaf->origin());
   auto accessor = fine.getConstAccessor();
+  // Where a leaf is, the value does not matter: its own follow.
   copy.make_leaves([&](const Coord&) {
     return [&](const Coord& at) { return accessor.probeConstLeaf(at) ? fine.background() : accessor.getValue(at); };
   });

@@ -261,7 +261,6 @@ class LeafCutter {
   }
 };
 
-// Bytes in memory as a stream.
 struct MemoryBuffer : std::streambuf {
   explicit MemoryBuffer(std::vector<char>& bytes) { setg(bytes.data(), bytes.data(), bytes.data() + bytes.size()); }
 };
@@ -305,7 +304,7 @@ void put_leaves(std::istream& is, const Topology& topology, bool half, std::size
   tbb::task_arena arena(static_cast<int>(own));
   arena.execute([&] {
     tbb::parallel_pipeline(
-        2 * own,
+        2 * own,  // nodes in memory: one that each thread inflates, and one that waits
         tbb::make_filter<void, std::shared_ptr<Cut>>(tbb::filter_mode::serial_in_order, cut) &
             tbb::make_filter<std::shared_ptr<Cut>, void>(tbb::filter_mode::parallel, put));
   });
@@ -346,6 +345,7 @@ std::unique_ptr<Grid> file_coarse(rust::Slice<const std::uint8_t> path, rust::St
     Topology topology;
     topology.read(is, half);
     if (topology.active <= max_voxels) return nullptr;
+    // Halving the resolution leaves about a fifth of the active voxels, halving it again a sixth of these.
     const std::uint64_t ratio = topology.active / std::max<std::uint64_t>(max_voxels, 1);
     step = ratio < 5 ? 2 : ratio < 30 ? 4 : 8;
     CoarseCopy copy(topology.background, step);

@@ -73,8 +73,7 @@ std::unique_ptr<FileOut> file_new() { return std::make_unique<FileOut>(std::make
 std::size_t file_add(FileOut& out, const Grid& handle, rust::Str name, double scale, bool half, const Host& host) {
   GridBase::Ptr any;
   if (scale == 1.0 || handle.impl->base->getGridClass() != GRID_LEVEL_SET) {
-    // Shares the tree, which does not change until the file is written. Values of other classes have no length
-    // unit.
+    // Shares the tree, which does not change until the file is written. Values of other classes have no length unit.
     any = handle.impl->base->copyGrid();
     if (scale != 1.0) any->transform().postScale(scale);
   } else {

@@ -17,12 +17,11 @@ struct FileOut::Impl {
   openvdb::MetaMap metadata;
 };
 
-// A seekable stream onto a file descriptor. It keeps the first error number, and rejects bytes after
-// cancellation.
+// A seekable stream onto a file descriptor. It keeps the first error number, and rejects bytes after cancellation.
 class DescriptorBuffer final : public std::streambuf {
  public:
   DescriptorBuffer(int descriptor, Interrupter& interrupter) : descriptor_(descriptor), interrupter_(interrupter) {
-    buffer_.resize(1 << 20);
+    buffer_.resize(1 << 20);  // a call of the system for each mebibyte
     setp(buffer_.data(), buffer_.data() + buffer_.size());
   }
 

@@ -11,15 +11,14 @@ namespace {
 
 using LevelSetFilter = tools::LevelSetFilter<FloatGrid>;
 
-// Sets up the filter, runs `work` on it and throws on cancellation; the grid is then invalid and must be
-// discarded.
+// Sets up the filter, runs `work` on it and throws on cancellation; the grid is then invalid and must be discarded.
 template <typename Work>
 void with_filter(Grid& handle, const Smoothing& smoothing, const Host& host, Work&& work) {
   ThrowingInterrupter interrupter(host);
   in_arena(host, [&] {
     LevelSetFilter filter(floats(handle), &interrupter);
     filter.setSpatialScheme(smoothing.high_order ? math::HJWENO5_BIAS : math::FIRST_BIAS);
-    filter.setGrainSize(1);
+    filter.setGrainSize(1);  // a leaf is work enough for a task
     if (smoothing.normalisations >= 0) filter.setNormCount(smoothing.normalisations);
     work(filter);
   });

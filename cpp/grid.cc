@@ -57,14 +57,13 @@ void grid_put_tile(Grid& handle, const std::array<std::int32_t, 3>& at, std::int
   floats(handle).tree().addTile(level, origin, value, active);
 }
 
-// Whether a transform is only a uniform positive scale and a translation.
 bool is_plain(const math::Transform& transform) {
   if (!transform.isLinear() || !transform.hasUniformScale()) return false;
   const auto m = transform.baseMap()->getAffineMap()->getMat4();
   for (int i = 0; i < 3; ++i) {
     if (!(m(i, i) > 0) || m(i, 3) != 0) return false;
     for (int j = 0; j < 3; ++j)
-      if (i != j && std::abs(m(i, j)) > 1e-12 * m(i, i)) return false;
+      if (i != j && std::abs(m(i, j)) > 1e-12 * m(i, i)) return false;  // more than rounding
   }
   return true;
 }
@@ -232,7 +231,8 @@ std::unique_ptr<Grid> grid_unfogged(const Grid& handle, double ramp, const Host&
           it.setValue(-*it * outside);
           continue;
         }
-        // Along each axis the density goes on falling beyond the surface; the nearest surface counts.
+        // Distances in ramps, at most one; inactive voxels get more. Along each axis the density goes on falling beyond
+        // the surface; the nearest surface counts.
         float least = it.isValueOn() ? 1.0f : 2.0f;
         for (int side = 0; side < 6 && it.isValueOn(); ++side) {
           Coord step(0);
@@ -240,7 +240,7 @@ std::unique_ptr<Grid> grid_unfogged(const Grid& handle, double ramp, const Host&
           const Coord next = it.getCoord() + step;
           const float first = densities.getValue(next), second = densities.getValue(next + step);
           if (!(first > 0)) continue;
-          // In a thin wall the second voxel tells nothing; the distance then falls by a voxel.
+          // In a thin wall the second voxel tells nothing; the density then falls by a voxel of the ramp.
           const float beyond = second > first ? second - 2 * first : 1 / outside - first;
           least = std::min(least, std::max(beyond, 0.0f));
         }

@@ -75,8 +75,7 @@ class Interrupter : public openvdb::util::NullInterrupter {
   std::atomic<std::chrono::milliseconds::rep> next_{0};
 };
 
-// Throws on cancellation: an interrupted filter would otherwise copy and dilate the whole grid in each of its
-// remaining passes.
+// Throws on cancellation: an interrupted filter would otherwise copy and dilate the whole grid in each remaining pass.
 class ThrowingInterrupter final : public Interrupter {
  public:
   using Interrupter::Interrupter;

@@ -188,7 +188,7 @@ CoordBBox dense_box(const std::vector<Vec3d>& points) {
     around.expand(Coord::floor(point));
   }
   if (around.dim()[around.maxExtent()] > kMaxEdge || around.volume() > kMaxVoxelsPerPoint * points.size()) return {};
-  around.expand(2);
+  around.expand(2);  // what interpolation reads around a cell
   return around;
 }
 

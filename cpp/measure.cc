@@ -10,14 +10,14 @@ namespace druse {
 double grid_volume(const Grid& handle, const Host& host) {
   double volume = 0;
   if (floats(handle).empty()) return volume;
-  in_arena(host, [&] { volume = tools::levelSetVolume(floats(handle), true); });
+  in_arena(host, [&] { volume = tools::levelSetVolume(floats(handle), /*useWorldUnits=*/true); });
   return volume;
 }
 
 double grid_area(const Grid& handle, const Host& host) {
   double area = 0;
   if (floats(handle).empty()) return area;
-  in_arena(host, [&] { area = tools::levelSetArea(floats(handle), true); });
+  in_arena(host, [&] { area = tools::levelSetArea(floats(handle), /*useWorldUnits=*/true); });
   return area;
 }
 

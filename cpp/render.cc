@@ -26,6 +26,8 @@ constexpr std::size_t kRayValues = 6;
 constexpr double kStepShare = 0.9, kMinStep = 0.35;
 // Greatest distance of a point from the nearest voxel centre, sqrt(3) / 2, rounded up.
 constexpr double kCentreDistance = 0.87;
+// Distance from the surface at which the way to the light begins, so that it does not meet the surface at once.
+constexpr double kShadowStart = 1.5;
 // Greatest number of steps to refine a zero.
 constexpr int kRootSteps = 4;
 
@@ -53,6 +55,7 @@ class Tracer {
     }
   }
 
+  // The six values of the hit of a sample; the depth is infinite without one.
   void sample(std::size_t i, std::size_t j, float* out) {
     out[0] = std::numeric_limits<float>::infinity();
     Vec3d eye, direction;
@@ -84,7 +87,7 @@ class Tracer {
     Vec3d eye, direction;
     ray(i, j, eye, direction);
     const Vec3d normal(out[1], out[2], out[3]);
-    if (!is_lit(eye + direction * double(out[0]) + normal * (1.5 * voxel_))) out[5] = 0;
+    if (!is_lit(eye + direction * double(out[0]) + normal * (kShadowStart * voxel_))) out[5] = 0;
   }
 
  private:
@@ -102,7 +105,7 @@ class Tracer {
     out[0] = static_cast<float>(depth);
     for (int a = 0; a < 3; ++a) out[1 + a] = static_cast<float>(normal[a]);
     out[4] = on_cut ? 1.0f : 0.0f;
-    out[5] = normal.dot(light_) > 0 && is_lit(point + normal * (1.5 * voxel_)) ? 1.0f : 0.0f;
+    out[5] = normal.dot(light_) > 0 && is_lit(point + normal * (kShadowStart * voxel_)) ? 1.0f : 0.0f;
   }
 
   bool is_lit(const Vec3d& point) {
@@ -175,7 +178,7 @@ class Tracer {
       time = std::max(time, std::min(one, other));
       end = std::min(end, std::max(one, other));
     }
-    double before = time, outside = 1;  // the last point outside, and its distance
+    double before = time, outside = 1;  // the last point outside, and its distance or less
     while (time <= end) {
       const Vec3d at = from + direction * time;
       if (!cell(at)) {
@@ -224,11 +227,12 @@ class Tracer {
              Hit& found) {
     double time = inner;
     for (int n = 0; n < kRootSteps; ++n) {
+      // Off the ends, at which a step would gain nothing.
       const double share = std::clamp(outside / (outside - inside), 0.02, 0.98);
       time = outer + (inner - outer) * share;
       if (!cell(from + direction * time)) break;
       const double distance = value();
-      if (std::abs(distance) < 1e-4) break;
+      if (std::abs(distance) < 1e-4) break;  // voxels, far below a pixel
       if (distance < 0) {
         inner = time;
         inside = distance;
@@ -262,10 +266,6 @@ class Tracer {
   std::array<Corners, Leaf::SIZE> corners_;
   Vec3d fraction_{0.0};
 };
-
-}  // namespace
-
-namespace {
 
 // Calls `visit` in parallel for the given samples of a view, or for all, with a tracer and the sample's values.
 template <typename Visit>

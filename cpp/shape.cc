@@ -92,6 +92,7 @@ void grid_offset_masked(Grid& handle, double offset, const Grid& mask_grid, Rang
     set_up(tracker, smoothing);
     const double h = grid.voxelSize()[0];
     const VoxelPositions world(grid);
+    // Steps of at most half a voxel, which the tracker follows.
     const int steps = std::max(1, static_cast<int>(std::ceil(std::abs(offset) / (0.5 * h))));
     const double step = offset / steps;
     for (int n = 0; n < steps; ++n) {

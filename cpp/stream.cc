@@ -69,7 +69,6 @@ struct Stream::Impl {
     os.write(reinterpret_cast<const char*>(&value), sizeof(T));
   }
 
-  // Runs `work` with a null pointer to a tree of the current grid's type.
   template <typename Work>
   void with_tree_type(Work&& work) {
     if (!current) throw std::logic_error("no grid has begun");
