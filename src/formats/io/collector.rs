@@ -141,9 +141,9 @@ impl<'a> Collector<'a> {
         // Solids come before surfaces: planar elements beside solids are their faces, and are skipped.
         let all = 0..self.elements.len();
         let is_planar = all.clone().all(|e| self.elements.kind(e).is_planar());
+        // `u32::MAX` marks nodes and elements that are not in the result.
         let mut new_number = vec![u32::MAX; self.points.len()];
         let mut nodes = Vec::new();
-        // `u32::MAX` marks nodes and elements that are not in the result.
         let mut node_places = Vec::new();
         let mut elements = Connectivity::default();
         let mut kept: Vec<usize> = Vec::new();
@@ -238,6 +238,7 @@ impl<'a> Collector<'a> {
             })
             .filter(|g: &Group| !g.elements.is_empty())
             .collect();
+        // Without elements all of them are planar: the scaffold then reports that there are none.
         if is_planar && !elements.is_empty() {
             let surface = Surface::new(nodes, elements)
                 .map_err(|e| self.scaffold_error(&e, &node_places))?

@@ -119,7 +119,7 @@ impl ElementFile {
 pub(super) const KINDS_READ: &str =
     "Tet4, Tet10, Hex8, Hex20, Hex27, Wedge6, Wedge15, Wedge18, Pyramid5, Pyramid13 or Pyramid14";
 
-/// The extensions of files with elements.
+/// The extensions of files with elements, solids or surfaces.
 pub const ELEMENT_FORMATS: [&str; 18] = [
     "msh", "vtu", "vtk", "inp", "bdf", "nas", "mesh", "meshb", "unv", "usda", "vtp", "off", "obj",
     "ply", "stl", "3mf", "dlfl", "crystal",

@@ -228,6 +228,7 @@ fn skeleton(
             .ok_or_else(|| missing_key("face", n, "thickness"))?;
         let corners = corners.iter().map(|c| node("face", n, *c));
         let corners = corners.collect::<Result<_, _>>()?;
+        // The radius of a plate is half its thickness.
         let added = skeleton.plate(corners, t / 2.0);
         added.map_err(|e| invalid_part("face", n, e))?;
     }

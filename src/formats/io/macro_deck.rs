@@ -326,6 +326,7 @@ impl ElementDeck<'_> {
             out,
             "*DISTRIBUTION, NAME=ELEMENT_FRAMES, LOCATION=ELEMENT, TABLE=FRAME_TABLE"
         )?;
+        // A line without an element is the default, which none takes.
         writeln!(out, ", {}", axes(&Mat3::identity()))?;
         for (e, frame) in self.frames.iter().enumerate() {
             writeln!(out, "{}, {}", e + 1, axes(frame))?;

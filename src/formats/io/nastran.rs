@@ -1,7 +1,7 @@
 //! Nastran bulk data, `.bdf` and `.nas`: grid points, coordinate systems, elements.
 //!
 //! Cards in small, large and free field are read with their continuations and includes; content
-//! before `BEGIN BULK` is ignored. Solids and shells become elements, property numbers become groups.
+//! before a `BEGIN BULK` is ignored. Solids and shells become elements, property numbers become groups.
 //! Bars, springs, masses and rigid links are counted and skipped; loads, materials and properties
 //! do not affect the shape. A card that makes elements or points in another way is an error.
 //! A missing mid node lies in the middle of its edge, as in Nastran.

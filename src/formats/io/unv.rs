@@ -120,7 +120,7 @@ impl File<'_> {
             "2411" | "781" => self.nodes(),
             "15" => self.nodes_on_one_line(),
             "2412" => self.elements(1),
-            // Two numbers per property table.
+            // Two numbers per property table: its bin and its own.
             "780" => self.elements(2),
             "164" => self.units(),
             "2435" | "2452" | "2467" | "2477" => self.groups(4),

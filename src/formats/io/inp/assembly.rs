@@ -288,6 +288,7 @@ impl Assembly {
                     || models.iter().rev().find(|p| p.name.is_none()),
                     |i| models.get(i),
                 );
+                // The numbers and ranges of the set itself; its names follow.
                 let mut sets = Sets::default();
                 let direct = sets.entry(&scoped.name);
                 *direct = set.clone();

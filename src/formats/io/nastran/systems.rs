@@ -77,7 +77,7 @@ impl Systems {
             _ => return Err(unsupported_card(card)),
         };
         match card.name.as_bytes()[4] {
-            // A card may define two systems.
+            // A card may define two systems, four fields each.
             b'1' => {
                 for first in [0, 4] {
                     if first > 0 && card.field(first).is_empty() {
