@@ -42,7 +42,7 @@ use blocks::VoidGraph;
 
 /// Default of the greatest distance that is measured, voxels.
 pub const DEFAULT_CAVITY_REACH: i32 = 32;
-/// Greatest distance that can be measured, voxels: a block's halo is one block at most.
+/// Greatest distance that can be measured, voxels: a block's halo stays within the blocks beside it.
 pub const MAX_CAVITY_REACH: i32 = 96;
 /// Least excess of a cavity's inscribed ball over its escape radius, voxels. Distances at voxels vary by up to
 /// half of this along a straight channel.

@@ -46,7 +46,7 @@ impl VoidGraph {
         let grid = Grid::new(&blocks);
         let near = grid.cells.iter().filter(|c| c.is_near).count();
         let progress = task.progress;
-        // A step for each block that `needs` reads, and for each near cell.
+        // A step for each block that `needs` reads, and for each near cell; those not measured are done at once.
         progress.stage("cavities", Some((blocks.len() + near) as u64));
         let needs = open_void::needs(source, &grid, measure, task)?;
         let mut graph = Self {
