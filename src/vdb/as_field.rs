@@ -64,8 +64,8 @@ impl Placement {
 /// Ranges of values of aligned cubes, by origin.
 type Ranges = HashMap<Coord, (f32, f32)>;
 
-/// A level set as a distance field: values are distances within its half width; beyond it only the sign and a
-/// lower bound are valid.
+/// A level set as a distance field: values are distances within its half width; beyond it only the sign is valid, and
+/// the magnitude exceeds any half width.
 pub struct SampledLevelSet {
     level_set: LevelSet,
     placement: Placement,

@@ -1,7 +1,7 @@
 //! Reading of `.vdb` files: their contents, and level sets.
 //!
-//! Files are read completely and at once: OpenVDB's delayed loading of a damaged file crashes, hangs or
-//! exhausts memory. Read untrusted files in a child process, see [`subprocess`](super::subprocess).
+//! Files are read completely and at once, but for large ones that are viewed: OpenVDB's delayed loading of a damaged
+//! file crashes, hangs or exhausts memory. Read untrusted files in a child process, see [`subprocess`](super::subprocess).
 
 use super::error::FileError;
 use super::foreign::GridReading;
@@ -118,7 +118,7 @@ pub struct FileInfo {
     pub metadata: Vec<(String, String)>,
     /// Its grids, in order of name.
     pub grids: Vec<GridInfo>,
-    /// Content hash over all grids; absent if a grid holds no floats.
+    /// Content hash over all grids; absent if a grid holds neither floats nor vectors of floats.
     pub content_hash: Option<String>,
 }
 

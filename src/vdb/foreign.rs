@@ -17,7 +17,7 @@ use std::path::Path;
 /// Options of the conversion of a grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GridReading {
-    /// The value on the surface, for grids that are not level sets.
+    /// The value on the surface; a level set is then rebuilt around it.
     pub value: Option<f64>,
     /// Exchange inside and outside of a level set that is inside out.
     pub invert: bool,

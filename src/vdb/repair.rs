@@ -155,7 +155,7 @@ impl Volume {
         Ok(repair)
     }
 
-    /// Whether any value, active or not, lies inside: a band may be active outside only.
+    /// Whether any value times a factor, active or not, lies inside: a band may be active outside only.
     fn has_inside(&self, factor: f64) -> bool {
         let Ok(leaves) = self.leaves() else {
             return false;

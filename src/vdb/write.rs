@@ -1,4 +1,4 @@
-//! Writing of `.vdb` files of format 224, through a stream that reports a full disk.
+//! Writing of `.vdb` files of format 224, and of NanoVDB files, through a stream that reports a full disk.
 //!
 //! Grids are added by name and written at once. The content hash covers names, types, classes, voxel sizes,
 //! backgrounds, topology and active values as they are stored, in the order of names; it depends neither on the order
@@ -128,7 +128,7 @@ impl<'a> VdbWriter<'a> {
     /// Adds a level set; its usual name is `surface`.
     ///
     /// # Errors
-    /// [`FileError::Name`] for an empty name or one used twice, or errors of OpenVDB (memory).
+    /// [`FileError::Name`] for an empty name, one with brackets or one used twice, or errors of OpenVDB (memory).
     pub fn level_set(&mut self, name: &str, level_set: &'a LevelSet) -> Result<(), FileError> {
         self.add(name, &level_set.grid, self.scale, FloatBits::Single)
     }
