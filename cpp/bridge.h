@@ -91,7 +91,7 @@ class Surface {
   std::unique_ptr<Impl> impl;
 };
 
-// A file opened for reading; grids are read on demand, each completely.
+// A file opened for reading; grids are read on demand, each completely unless it is delayed.
 class FileIn {
  public:
   struct Impl;

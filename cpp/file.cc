@@ -1,4 +1,4 @@
-// Reading of files, completely and at once; writing through a stream that reports a full disk.
+// Reading of files, at once or delayed; writing through a stream that reports a full disk.
 #include "file.h"
 
 #include <openvdb/io/Archive.h>
