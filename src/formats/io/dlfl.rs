@@ -270,8 +270,7 @@ pub(super) fn text(mesh: &PolyMesh, library: &str) -> String {
         let _ = writeln!(text, "e {a} {b}");
     }
     text.push_str("#\n");
-    // The same order of corners again, with a material where the group changes.
-    // No group has the number 0.
+    // The same order of corners again, with a material where the group changes; no group has the number 0.
     let (mut group, mut corner) = (0, 0u64);
     for (face, &face_group) in mesh.faces().iter().zip(mesh.groups()) {
         if face_group != group {

@@ -91,7 +91,7 @@ impl File<'_> {
                     .push(format!("the values {name} are ignored"));
                 self.input.skip_section()?;
             }
-            // An empty section of a kind that is refused does no harm.
+            // An empty section of a kind that is refused does no harm. An item is one number at least.
             Meaning::Refused => {
                 let count = self.input.count(1, name)?;
                 if count > 0 {

@@ -105,7 +105,8 @@ pub(super) fn read_annotated(mut source: Source) -> Result<(Soup, Annotations), 
         match word {
             b"v" | b"V" => vertex(&source, rest, &mut soup, &mut annotations)?,
             b"f" | b"fo" | b"F" => {
-                // Names hold until the next statement: they are recorded only at the first face after a change.
+                // Names hold until the next statement: they are recorded only at the first face (`fo` is its old
+                // word) after a change.
                 if std::mem::take(&mut has_changed) {
                     annotations
                         .names

@@ -168,7 +168,7 @@ pub(super) fn read(source: Source) -> Result<Soup, ReadError> {
 /// caller.
 fn content(mut lines: Lines, vertices: u64, faces: u64) -> Result<Soup, ReadError> {
     let mut soup = Soup::default();
-    // Three digits with separators between; a face needs two.
+    // A vertex is three digits with separators between, 5 bytes at least; a face with a corner is two, 3 bytes.
     let pending_numbers = (lines.numbers.len() - lines.at) as u64;
     lines
         .source

@@ -53,7 +53,7 @@ pub(super) fn soup(path: &Path, file: &ElementFile) -> Result<Soup, ReadError> {
         }
         ElementFile::Solids(file) => &file.scaffold,
     };
-    // Curved faces are divided into triangles until these are this close to them.
+    // Curved faces are divided into triangles until these are this close to them; it has to be positive.
     let error = MAX_RELATIVE_DEVIATION * solids.bounds().half_diagonal();
     let mut soup = Soup::default();
     // Components may be closed surfaces inside one another; each is numbered after the others.

@@ -45,7 +45,7 @@ struct Part {
 /// Reads the elements of a file.
 ///
 /// # Errors
-/// When the file cannot be read, is binary, refers to other layers, or has no meshes.
+/// When the file cannot be read, is damaged or binary, refers to other layers, or has no meshes.
 pub(super) fn read(path: &Path) -> Result<ElementFile, ReadError> {
     let layer = Layer::open(path)?;
     let geometry = Geometry::of(&layer, None)?;

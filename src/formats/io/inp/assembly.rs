@@ -232,12 +232,12 @@ impl Assembly {
         }
         for (key, (name, parts)) in &groups {
             let is_assembly = self.sets.contains_key(key);
-            let kinds: BTreeSet<&str> = parts.iter().map(|p| p.0.part).collect();
+            let part_names: BTreeSet<&str> = parts.iter().map(|p| p.0.part).collect();
             if !is_assembly {
                 let all: Vec<u32> = parts.iter().flat_map(|p| &p.1).copied().collect();
                 collector.named_group(name, &all);
             }
-            if is_assembly || kinds.len() > 1 {
+            if is_assembly || part_names.len() > 1 {
                 for (placed, places) in parts {
                     if let Some(instance) = placed.name {
                         collector.named_group(&format!("{instance}.{name}"), places);
@@ -395,8 +395,8 @@ impl Missing {
 
 /// The shift of the element numbers of each model, all 0 where no numbers overlap; otherwise a note names the shifts.
 fn number_shifts(models: &[PlacedModel], collector: &mut Collector) -> Vec<u64> {
-    // Without overlap all numbers stay. Otherwise a step with more digits than the largest number keeps the
-    // digits of the deck.
+    // Without overlap all numbers stay. Otherwise, but for the first model, a step with more digits than the largest
+    // number keeps the digits of the deck.
     let range = |p: &PlacedModel| {
         let numbers = &p.model.element_places;
         Some((*numbers.first_key_value()?.0, *numbers.last_key_value()?.0))
@@ -436,7 +436,7 @@ fn add_to_collector(
     collector: &mut Collector,
 ) -> Result<(), ReadError> {
     let model = placed.model;
-    // Points of several models are numbered in their order, since the numbers of the models overlap.
+    // Points of several models are numbered in their order, since the numbers of the models may overlap.
     let moves = placed.motion != Motion::default();
     for (at, &number) in model.nodes.iter().zip(&model.node_numbers) {
         let at = if moves { placed.motion.apply(*at) } else { *at };

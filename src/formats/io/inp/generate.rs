@@ -89,6 +89,7 @@ impl Rule {
                 let bias = k
                     .get("BIAS")
                     .map_or(Ok(1.0), |b| real(b, "a ratio", source))?;
+                // Beyond a thousandfold all but one interval would be next to nothing.
                 if !(1e-3..=1e3).contains(&bias) {
                     return Err(source.bad(format!("BIAS={bias}"), "a ratio of 0.001 to 1000"));
                 }

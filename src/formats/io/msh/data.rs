@@ -54,7 +54,7 @@ pub(super) fn section(file: &mut File, section: &str) -> Result<(), ReadError> {
     let head = head(file)?;
     let each = head.components as u64;
     file.numbers();
-    // An entry is a number and `each` values, in binary of 4 and 8 bytes.
+    // An entry is a number and `each` values or more, in binary of 4 and 8 bytes.
     let count = file
         .tokens
         .count(head.count, 1 + each, 4 + 8 * each, "values")?;

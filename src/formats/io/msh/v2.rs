@@ -81,7 +81,7 @@ pub(super) fn elements(file: &mut File) -> Result<(), ReadError> {
     let count = file.tokens.count(claimed, 4, 8, "elements")?;
     let mut left = count;
     while left > 0 {
-        // Text repeats type and tag count for every element; binary gives them once per run.
+        // Number and type in `head`. Text repeats type and tag count for every element; binary gives them once per run.
         let (mut head, mut run, mut tags) = ([0; 2], 1, 0);
         let binary = file.tokens.encoding != Encoding::Text;
         if binary {

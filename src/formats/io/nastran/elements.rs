@@ -77,8 +77,9 @@ impl Deck<'_> {
                 given = i + 1;
             }
         }
-        let solid = !kinds[0].is_planar();
-        if solid && !matches!(card.field(FIRST_NODE_FIELD + max_nodes), "" | "CORDM") {
+        // Behind the nodes of a shell come its angle and thicknesses, behind those of a solid at most CORDM.
+        let is_solid = !kinds[0].is_planar();
+        if is_solid && !matches!(card.field(FIRST_NODE_FIELD + max_nodes), "" | "CORDM") {
             let found = format!("more than {max_nodes} nodes in a {}", card.name);
             return Err(error(found, KINDS_READ));
         }

@@ -118,9 +118,9 @@ pub(in crate::io) fn write_beams(
     factor: f64,
     unit: LengthUnit,
 ) -> io::Result<()> {
+    // In single precision the text of a vertex has at most 64 bytes, that of a beam 128.
     let bytes = 64 * lattice.nodes.len() as u64 + 128 * lattice.beams.len() as u64;
-    // The texts of a vertex and of a beam have at most 64 and 128 bytes. The radius of the lattice is a default that no
-    // beam uses; shorter beams than the tiny `minlength` may be dropped by readers.
+    // The radius of the lattice is a default that no beam uses; readers may drop beams below the tiny `minlength`.
     let radius = lattice.beams.first().map_or(1.0, |b| b.radii[0] * factor);
     package(out, unit, BEAM_EXTENSION_ATTRIBUTES, bytes, |xml| {
         writeln!(xml, "<vertices>")?;

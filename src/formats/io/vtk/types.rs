@@ -115,7 +115,7 @@ pub(super) fn cell(cell_type: u8, nodes: usize, has_old_numbering: bool) -> Cell
             None => Cell::WrongOrder(format!("{} of {nodes} nodes", name(cell_type))),
         };
     }
-    // Pixels (8) and voxels (11) number their corners along the axes.
+    // Pixels (8) and voxels (11) number their corners along the axes; of a pyramid's 19 nodes the first 14 are kept.
     match (cell_type, Kind::from_vtk(cell_type)) {
         (8, _) => Cell::Element(Kind::Quad4, 4, &PIXEL_ORDER),
         (11, _) => Cell::Element(Kind::Hex8, 8, &VOXEL_ORDER),

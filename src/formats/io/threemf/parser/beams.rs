@@ -62,12 +62,11 @@ impl<R: BufRead> Parser<'_, R> {
                     ("mixed", BallMode::Mixed),
                     ("all", BallMode::All),
                 ];
-                // Older files name the least length "precision".
+                // Older files name the least length "precision", and the mode of clipping "clipping".
                 let min_length = match self.length(e, "minlength")? {
                     None => self.length(e, "precision")?,
                     found => found,
                 };
-                // And the mode of clipping "clipping".
                 let clip = match self.keyword(e, "clippingmode", &clips)? {
                     None => self.keyword(e, "clipping", &clips)?,
                     found => found,
