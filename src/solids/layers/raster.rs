@@ -251,7 +251,7 @@ impl Components {
                     middle[label as usize] = [row, (span[0] + span[1]) as usize / 2];
                 }
                 *own += u64::from(span[1] - span[0]);
-                // Pixels of the outline between runs are on its other side.
+                // Pixels of the outline between runs belong to the other set, void or solid.
                 let end = (row as u32, span[1]);
                 while let Some(p) = rim.next_if(|p| (p.row, p.column) < end) {
                     if (p.row, p.column) >= (row as u32, span[0]) {
