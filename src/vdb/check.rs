@@ -83,7 +83,7 @@ impl LevelSetCheck {
             .map(|(count, what)| format!("{count} {what}"))
             .collect();
         if let Some([x, y, z]) = self.torn_at {
-            let [x, y, z] = [x, y, z].map(|c| c as f32);
+            let [x, y, z] = [x, y, z].map(|c| c as f32); // for fewer digits
             problems.push(format!("the first torn pair is at ({x}, {y}, {z})"));
         }
         if self.active_voxels == 0 {
@@ -135,7 +135,7 @@ impl LevelSet {
         let index = LeafIndex::new(self, &leaves, TileChoice::All)?;
         let (h, background) = (self.voxel_size() as f32, self.background() as f32);
         let progress = session.progress;
-        // Groups of a fixed size, added in order, so that the sums do not depend on the number of threads.
+        // Groups of 512 leaves for any number of threads, added in order, so that the sums do not depend on it.
         let numbers: Vec<usize> = (0..index.leaves.len()).collect();
         let groups: Vec<(LeafCounts, Vec<u64>)> = session.threads.install(|| {
             let groups = numbers.par_chunks(512).map(|group| {
@@ -203,7 +203,7 @@ fn quantile(bins: &[u64], share: f64) -> f64 {
 
 /// Counts the defects of a leaf: values that are not finite, too large or off the background, and errors of the slope
 /// in `bins` of a thousandth. `h` is the voxel size and `background` the half width of the band, world units. `leaf` is
-/// its number. Values within a thousandth of the background count as the background; a slope is far off by 0.5 or more.
+/// its number. Values within a thousandth of the background count as the background; a slope is far off beyond 0.5.
 fn count_leaf(
     index: &LeafIndex<'_>,
     leaf: usize,

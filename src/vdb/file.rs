@@ -307,7 +307,7 @@ impl ViewGrid {
     }
 }
 
-/// As [`pick`], for views: instead of a level set `surface` of more voxels than are wished, the finest copy that the
+/// As [`pick`], for views: instead of a level set `surface` of more than `max_voxels`, the finest copy that the
 /// file has of it (`surface_lod_1`, ...) with fewer, else its coarsest; without copies an average. With delayed
 /// loading, the level set itself is read only without copies. Other names and .nvdb files give the grid itself.
 pub(super) fn pick_for_view(
@@ -389,8 +389,8 @@ fn pick_nano(path: &Path, name: Option<&str>) -> Result<(String, UniquePtr<ffi::
     Ok((names[index].clone(), grid))
 }
 
-/// Opens a file after a check of its first bytes: OpenVDB's messages about them are cryptic. Formats above 224 are
-/// refused.
+/// Opens a file after a check of its first bytes: OpenVDB's messages about them are cryptic. Formats above 224, the
+/// newest that this OpenVDB reads, are refused.
 fn open(path: &Path, loading: Loading) -> Result<UniquePtr<ffi::FileIn>, FileError> {
     let io = |e| FileError::io(path, e);
     let mut head = Vec::new();

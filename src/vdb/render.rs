@@ -86,7 +86,7 @@ impl Picture {
         } else {
             Vec::new()
         };
-        // Hits of samples by number: from the ones traced at once, or traced now.
+        // Hits of samples by number: from the ones traced at once, or traced now; a thread takes 4096.
         let mut trace_samples = |numbers: &[u32]| {
             let values = if at_once {
                 let selected = numbers
@@ -209,7 +209,7 @@ impl LevelSet {
     }
 }
 
-/// Values of a grid at the hits, 0 at samples without a hit.
+/// Values of a grid at the hits, 16,384 at a time; samples without a hit get the value at the eye.
 fn values_at(hits: &[Option<Hit>], eye: Vec3, grid: &Volume) -> Result<Vec<f32>, VdbError> {
     let rows = hits.par_chunks(1 << 14).map(|hits| {
         let points = hits.iter().map(|hit| {

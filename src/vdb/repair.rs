@@ -220,7 +220,7 @@ impl Volume {
         let failed = |e| VdbError::of("reading a level set", session, &e);
         let host = session.host();
         let factor = repair.factor as f32;
-        if (factor - 1.0).abs() > 0.0 {
+        if factor != 1.0 {
             ffi::grid_scale_values(self.grid.pin_mut(), factor, 0.0, &host).map_err(failed)?;
         }
         if let Some(background) = repair.background {

@@ -95,11 +95,11 @@ impl LevelSet {
         let edit = Removal::new(self, index, Side::Solid, others).edit();
         let edited: BTreeMap<Coord, usize> =
             edit.origins.iter().map(|o| Coord(*o)).zip(0..).collect();
-        let band_leaves = LEAF * band_leaves(self.half_width());
+        let reach = LEAF * band_leaves(self.half_width());
         let is_own = |leaf: &usize| own.binary_search(leaf).is_ok();
         // The outer half of the band may lie in leaves without a voxel of the solid.
         let is_beside = |leaf: &usize| {
-            let around = Region::cube(index.leaves[*leaf].origin, LEAF).grown(band_leaves);
+            let around = Region::cube(index.leaves[*leaf].origin, LEAF).grown(reach);
             let mut leaves = around.cubes(LEAF).filter_map(|o| index.leaf(o));
             leaves.any(|other| is_own(&other))
         };

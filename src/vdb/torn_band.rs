@@ -49,12 +49,12 @@ impl LevelSet {
         let negative: Vec<Bits> = index
             .leaves
             .par_iter()
-            .with_min_len(64)
+            .with_min_len(64) // a leaf is quick work
             .map(|leaf| negative_voxels(leaf.values))
             .collect();
         let of_leaves = (0..index.leaves.len())
             .into_par_iter()
-            .with_min_len(64)
+            .with_min_len(64) // as above
             .filter(|&n| region.meets(index.leaves[n].origin, LEAF))
             .map(|n| of_leaf(&index, &negative, n, place))
             .reduce(BandGaps::default, BandGaps::merge);

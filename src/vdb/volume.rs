@@ -226,10 +226,10 @@ impl Volume {
         let outside = self.info.background.unwrap_or(0.0);
         // The background lies outside: the solid is on the other side of the value. Where it equals the
         // value, a fog is solid above it.
-        let is_above = if (outside - value).abs() > 0.0 {
-            outside < value
-        } else {
+        let is_above = if outside == value {
             self.info.class == "fog volume"
+        } else {
+            outside < value
         };
         let sign = if is_above { -1.0 } else { 1.0 };
         let failed = |e| VdbError::of("extracting an isosurface", session, &e);
