@@ -35,7 +35,7 @@ void CoarseCopy::put(const Coord& origin, const float* values, const Mask& activ
     std::uint64_t on = 0;
     for (int a = 0; a < step_; ++a) {
       const int x = step_ * i + a;
-      const std::uint64_t word = active.template getWord<std::uint64_t>(static_cast<Index>(x));
+      const std::uint64_t word = active.template getWord<std::uint64_t>(static_cast<Index>(x));  // 8 y + z
       for (int b = 0; b < step_; ++b) {
         const int row = 8 * (step_ * j + b) + step_ * k;
         for (int c = 0; c < step_; ++c) sums[c] += values[64 * x + row + c];

@@ -235,7 +235,7 @@ class LeafCutter {
     const std::size_t selection = kind.has_selection() ? sizeof(Index64) * Leaf::NodeMaskType::WORD_COUNT : 0;
     take(out, kind.inactive_values() * sizeof(float) + selection);
     const Index values = kind.has_all(compression_) ? Leaf::SIZE : active;
-    if (value_bytes_ == 2 && values == 0) return;
+    if (value_bytes_ == 2 && values == 0) return;  // no half floats have no size either
     if (compression_ & (io::COMPRESS_BLOSC | io::COMPRESS_ZIP)) {
       Int64 bytes = 0;
       std::memcpy(&bytes, take(out, sizeof(bytes)), sizeof(bytes));
@@ -290,7 +290,7 @@ void put_leaves(std::istream& is, const Topology& topology, bool half, std::size
     topology.for_leaves(found->lower, [&](const Coord& origin) {
       Leaf::NodeMaskType on;
       on.load(leaves);
-      if (copy.step() == 8 && !half) {
+      if (copy.step() == 8 && !half) {  // a leaf becomes one voxel
         copy.put_mean(origin, leaf_mean(leaves, on, topology.background), !on.isOff());
         return;
       }
@@ -315,7 +315,7 @@ void put_leaves(std::istream& is, const Topology& topology, bool half, std::size
 // Neither the file nor its tree is ever whole in memory.
 std::unique_ptr<Grid> file_coarse(rust::Slice<const std::uint8_t> path, rust::Str name, std::uint64_t max_voxels,
                                   std::size_t threads, std::int32_t& step) {
-  std::vector<char> ahead(1 << 20);
+  std::vector<char> ahead(1 << 20);  // bytes that one call of the system reads
   std::ifstream is;
   is.rdbuf()->pubsetbuf(ahead.data(), static_cast<std::streamsize>(ahead.size()));
   is.open(std::string(reinterpret_cast<const char*>(path.data()), path.size()), std::ios::binary);

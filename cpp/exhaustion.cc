@@ -22,7 +22,7 @@
 
 namespace {
 
-// Text that is written without any allocation.
+// Text that is written without any allocation; its end is cut where it is too long.
 struct Text {
   char bytes[2048];
   std::size_t count = 0;

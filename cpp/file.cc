@@ -46,7 +46,7 @@ struct StreamArchive : io::Archive {
 std::unique_ptr<FileIn> file_open(rust::Slice<const std::uint8_t> path, bool delayed) {
   auto in = std::make_unique<FileIn::Impl>(std::string(reinterpret_cast<const char*>(path.data()), path.size()));
   // Delayed loading of a damaged file crashes, hangs or exhausts memory: only for files larger than memory.
-  in->file.setCopyMaxBytes(0);
+  in->file.setCopyMaxBytes(0);  // no temporary copies of small files
   in->file.open(delayed);
   for (auto it = in->file.beginName(); it != in->file.endName(); ++it) in->names.push_back(it.gridName());
   return std::make_unique<FileIn>(std::move(in));

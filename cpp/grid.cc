@@ -232,7 +232,7 @@ std::unique_ptr<Grid> grid_unfogged(const Grid& handle, double ramp, const Host&
           continue;
         }
         // Distances in ramps, at most one; inactive voxels get more. Along each axis the density goes on falling beyond
-        // the surface; the nearest surface counts.
+        // the surface, to 2 first - second; the nearest surface counts.
         float least = it.isValueOn() ? 1.0f : 2.0f;
         for (int side = 0; side < 6 && it.isValueOn(); ++side) {
           Coord step(0);

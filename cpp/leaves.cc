@@ -177,9 +177,9 @@ namespace {
 // The box of voxels around some points, if a dense copy of it is faster than a tree access for each point. Empty
 // otherwise, and if a point lies beyond the range of voxel indices.
 CoordBBox dense_box(const std::vector<Vec3d>& points) {
-  constexpr std::size_t kMaxVoxelsPerPoint = 64, kMinPoints = 8;
-  constexpr double kMaxIndex = 1e9;
-  constexpr int kMaxEdge = 1024;
+  constexpr std::size_t kMaxVoxelsPerPoint = 64, kMinPoints = 8;  // a voxel of a copy costs little
+  constexpr double kMaxIndex = 1e9;  // far within 32 bits
+  constexpr int kMaxEdge = 1024;  // the volume then cannot overflow
   if (points.size() < kMinPoints) return {};
   CoordBBox around;
   for (const Vec3d& point : points) {

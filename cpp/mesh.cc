@@ -48,7 +48,7 @@ FloatGrid::Ptr without_small_values(const FloatGrid& grid, double max_coordinate
   const Coord last = (box.max() & ~(edge - 1)).offsetBy(edge);
   const Vec3d low = grid.indexToWorld(box.min() & ~(edge - 1)), high = grid.indexToWorld(last);
   for (int a = 0; a < 3 && !box.empty(); ++a) max_coordinate = std::max({max_coordinate, std::abs(low[a]), std::abs(high[a])});
-  // Eight units in the last place of the greatest coordinate in 32 bits, voxels.
+  // Eight units in the last place of the greatest coordinate in 32 bits, voxels; 1e-2 hardly moves the surface.
   const double rounding = 8.0 * max_coordinate / h * std::ldexp(1.0, -23);
   const auto min_magnitude = static_cast<float>(h * std::clamp(rounding, 1e-4, 1e-2));
   const auto zero = static_cast<float>(h * zero_magnitude);

@@ -278,9 +278,9 @@ void for_each_sample(const FloatGrid& grid, const Camera& camera, rust::Slice<co
   Interrupter interrupter(host);
   in_arena(host, [&] {
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, 4096), [&](const auto& range) {
-      Tracer tracer(grid, box, camera);
+      Tracer tracer(grid, box, camera);  // large: one for 4096 samples
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
-        if (n % 1024 == 0 && interrupter.wasInterrupted()) return;
+        if (n % 1024 == 0 && interrupter.wasInterrupted()) return;  // now and then
         const std::size_t at = samples.empty() ? n : samples[n];
         visit(tracer, at % camera.columns, at / camera.columns, hits.data() + kRayValues * n);
       }

@@ -21,7 +21,7 @@ using Tracker = tools::LevelSetTracker<FloatGrid>;
 
 void set_up(Tracker& tracker, const Smoothing& smoothing) {
   tracker.setSpatialScheme(smoothing.high_order ? math::HJWENO5_BIAS : math::FIRST_BIAS);
-  tracker.setGrainSize(1);
+  tracker.setGrainSize(1);  // a leaf is work enough for a task
   if (smoothing.normalisations >= 0) tracker.setNormCount(smoothing.normalisations);
 }
 
@@ -52,7 +52,7 @@ class VoxelPositions {
   explicit VoxelPositions(const FloatGrid& grid) : grid_(grid), h_(grid.voxelSize()[0]) {
     const Vec3d origin = grid.indexToWorld(Vec3d(0.0)) / h_;
     first_ = Vec3d(std::round(origin[0]), std::round(origin[1]), std::round(origin[2]));
-    on_lattice_ = (origin - first_).length() < 1e-6;
+    on_lattice_ = (origin - first_).length() < 1e-6;  // voxels, more than rounding
   }
 
   Vec3d operator()(const Coord& voxel) const {
@@ -145,7 +145,7 @@ void grid_blend(Grid& handle, std::unique_ptr<Grid> operand, double radius, Smoo
       for (auto it = leaf.beginValueOn(); it; ++it) {
         const Coord voxel = it.getCoord();
         const double u = one.getValue(voxel), v = two.getValue(voxel);
-        const double overlap = std::max(radius - std::abs(u - v), 0.0);
+        const double overlap = std::max(radius - std::abs(u - v), 0.0);  // of a quadratic smooth minimum
         it.setValue(static_cast<float>(std::min(u, v) - overlap * overlap / (4.0 * radius)));
       }
     });
@@ -162,7 +162,7 @@ void grid_fillet(Grid& handle, double radius, Smoothing smoothing, const Host& h
       // Closing by a ball of the radius: space that it cannot reach from outside is filled.
       tools::LevelSetFilter<FloatGrid> ball(grid, &interrupter);
       set_up(ball, smoothing);
-      ball.offset(static_cast<float>(-radius));
+      ball.offset(static_cast<float>(-radius));  // outwards, then inwards
       ball.offset(static_cast<float>(radius));
     }
     // A fillet only adds material: restores what tracking removed elsewhere.
