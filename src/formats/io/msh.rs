@@ -1,9 +1,9 @@
 //! Gmsh meshes, `.msh` 1, 2, 4.0 and 4.1, text and binary.
 //!
-//! Solid elements are read in VTK node order, or the surface elements of a file without solids; points and
-//! lines, and surface elements beyond second order, are counted and skipped. Physical volumes and surfaces become groups, data at nodes and elements
-//! become fields. Other sections (periodic links, ghost elements, comments) do not affect the shape and are
-//! ignored.
+//! Solid elements are read in VTK node order, or the surface elements of a file without solids; points and lines, and
+//! surface elements beyond second order, are counted and skipped. Physical volumes and surfaces become groups, data at
+//! nodes and elements become fields. Other sections (periodic links, ghost elements, comments) do not affect the shape
+//! and are ignored.
 
 mod data;
 mod v2;

@@ -10,7 +10,7 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
 const MAGIC: &[u8; 12] = b"POINTCACHE2\0";
-const HEAD_BYTES: u64 = 32;
+const HEAD_BYTES: u64 = 32; // the identification and five numbers
 
 /// The head of a point cache; samples are read when they are needed.
 #[derive(Clone, Debug, PartialEq)]

@@ -18,7 +18,7 @@ pub(super) enum Space {
     Other,
 }
 
-const CORE: &str = "http://schemas.microsoft.com/3dmanufacturing/core/";
+const CORE: &str = "http://schemas.microsoft.com/3dmanufacturing/core/"; // a version follows
 
 /// Namespaces that are supported or do not affect the shape.
 const KNOWN_NAMESPACES: [(&str, Space); 8] = [
