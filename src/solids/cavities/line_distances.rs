@@ -5,7 +5,7 @@
 
 use super::samples::{Row, Rows, Sample};
 
-const NO_ROW: Row = [f32::INFINITY; 8];
+const NO_ROW: Row = [f32::INFINITY; 8]; // squares without any point
 
 /// Rows by leaf, in a box of leaves; most leaves have none.
 pub(super) struct LeafRows {
@@ -14,7 +14,7 @@ pub(super) struct LeafRows {
     leaves: Vec<Rows>,
 }
 
-const NO_LEAF: u32 = u32::MAX;
+const NO_LEAF: u32 = u32::MAX; // the number of a leaf without rows
 
 impl LeafRows {
     /// A box of this many leaves along each axis, without rows. Room for a few layers is reserved.
