@@ -1,8 +1,9 @@
 //! Conversion of a grid of floats from another program to a level set: interpretation, repairs, refusals.
 //!
 //! Repairs that do not move the surface are made with a note: signs of inactive values, a wrong background,
-//! distances in other units than the voxels, a missing class. On request an inside-out grid is inverted, and a grid
-//! of non-cubic voxels is resampled to cubes. Everything else is refused with a remedy.
+//! distances in other units than the voxels, a missing class; active tiles beyond the band are made inactive without
+//! one. On request an inside-out grid is inverted, and a grid of non-cubic voxels is resampled to cubes. Everything
+//! else is refused with a remedy.
 
 use super::error::{FileError, VdbError};
 use super::refusal::{Located, Refusal, place_of, torn, value_hint};

@@ -127,7 +127,7 @@ fn of_leaf(
         }
     };
     for (x, (&signs, &mask)) in inside.iter().zip(&leaf.mask).enumerate() {
-        // Along y and z within the word; its bits are 8 y + z.
+        // Along y and z within the word, whose bits are 8 y + z; the last y and the last z have no next one.
         add(x, (signs ^ signs >> 8) & (u64::MAX >> 8), mask & mask >> 8);
         add(
             x,
