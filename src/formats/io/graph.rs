@@ -42,8 +42,8 @@ struct GraphText {
 /// with their radii, and both arguments are ignored; its numbers are reference lengths.
 ///
 /// # Errors
-/// [`ReadError`] with the line, edge or face: a missing file, one of another extension or above 64 MiB, invalid text, no
-/// parts, a node that does not exist, a part without radius or thickness, a plate that is not flat and convex.
+/// [`ReadError`] with the line, edge or face: a missing file, another extension, more than 64 MiB, invalid text, no parts,
+/// a node that does not exist, a missing or wrong number of radii or thicknesses, a part that [`Skeleton`] refuses.
 pub fn read_skeleton(
     path: impl AsRef<Path>,
     radius: Option<f64>,

@@ -175,8 +175,8 @@ impl Draft {
         self.vertices = kept;
     }
 
-    /// Merges each vertex into an earlier one that is nearer than a distance, and coinciding corners of faces. Faces that have
-    /// fewer than three corners then are left out; their vertices stay.
+    /// Merges each vertex into an earlier one that is nearer than a distance, and coinciding corners of faces. Faces
+    /// that have fewer than three corners then are left out; their vertices stay.
     fn weld(&mut self, distance: f64) {
         let cell = |p: &Vec3| [p.x, p.y, p.z].map(|c| (c / distance).floor() as i64);
         let mut cells: std::collections::HashMap<[i64; 3], Vec<u32>> =

@@ -31,7 +31,7 @@ pub(super) struct Part {
 /// A part placed in the assembly.
 pub(super) struct Instance {
     pub name: String,
-    /// The part's name in capitals; empty without a part.
+    /// The part's name in capitals; without a part a blank and the instance's name.
     pub part: String,
     /// A modified copy of the part's model, or the model of an instance without part.
     pub own_model: Option<Model>,

@@ -80,6 +80,7 @@ enum ArrayEncoding {
 /// A piece of the grid, as far as read.
 #[derive(Default)]
 struct Piece {
+    /// The numbers of points and cells that its tag states; cells of polygons are counted later.
     points: u64,
     cells: u64,
     coordinates: Option<Vec<f64>>,
@@ -89,6 +90,7 @@ struct Piece {
     /// The name of the cell data that hold the degrees of Lagrange cells.
     degrees: Option<String>,
     sections: [Section; 4],
+    /// Name, location, components and values of each.
     fields: Vec<(String, FieldAt, usize, Vec<f64>)>,
 }
 
