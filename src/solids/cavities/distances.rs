@@ -24,6 +24,7 @@ use druse_geometry::simd::run_vectorized;
 use druse_tilings::band::{LEAF, VOXELS};
 use std::ops::Range;
 
+/// The void of a block.
 pub(super) enum BlockVoid {
     /// No voxel.
     Solid,
