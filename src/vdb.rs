@@ -2,8 +2,8 @@
 //!
 //! A [`LevelSet`] has guarantees: grid class level set, cubic voxels, values of type float, a background of half
 //! width times voxel size, and signs filled in everywhere. It is made by a [`LevelSetBuilder`] from leaves of signed
-//! distances, from a mesh, or from a file that passed the same checks. An operation that fails or is
-//! cancelled leaves it empty.
+//! distances, from a mesh, or from a file that passed the same checks. An operation that is cancelled, or fails
+//! within OpenVDB, leaves it empty or as before the step that failed.
 //!
 //! Conventions: negative inside; distances and lengths in world units; kernel widths in voxels; triangles
 //! counter-clockwise seen from outside. OpenVDB differs in two places, each corrected once: `offset(+d)`

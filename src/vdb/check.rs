@@ -21,7 +21,7 @@ pub struct GradientStatistics {
     pub voxels: u64,
     /// Root mean square of |grad| - 1.
     pub rms: f64,
-    /// 99 % of the voxels have | |grad| - 1 | below this (to 0.001).
+    /// 99 % of the voxels have | |grad| - 1 | below this (to 0.001); 1 stands for 1 and more.
     pub p99: f64,
     /// Number of voxels with |grad| outside 0.5 to 1.5: creases and the medial axis of thin walls.
     pub far_off: u64,

@@ -36,7 +36,7 @@ impl Default for GridReading {
             value: None,
             invert: false,
             cubes: Cubes::Refuse,
-            half_width: 3.0,
+            half_width: 3.0, // as in OpenVDB
             allow_torn: false,
         }
     }

@@ -18,7 +18,7 @@ pub struct LeafView<'a> {
     pub origin: Coord,
     /// Active voxels.
     pub mask: [u64; 8],
-    /// Signed distances in world units, negative inside; inactive voxels hold the background.
+    /// Signed distances in world units, negative inside; inactive voxels hold minus or plus the background.
     pub values: &'a [f32; 512],
 }
 
@@ -89,8 +89,8 @@ impl LeafView<'_> {
     }
 }
 
-/// A tile of the tree: a cube of one value. Tiles of level sets are inactive and inside; other grids may have
-/// active ones.
+/// A tile of the tree: a cube of one value. Tiles of level sets are inactive, with minus or plus the background; other
+/// grids may have active ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TileView {
     /// Least voxel.

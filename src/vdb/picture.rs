@@ -49,7 +49,7 @@ pub struct Image {
 /// Values per sample that the bridge returns: depth, normal, cut, light.
 pub(super) const RAY_VALUES: usize = 6;
 
-/// Greatest number of pixels of a picture: four samples of each have numbers of 32 bits.
+/// Greatest number of pixels of a picture: numbers of four samples of each, and six values a sample, fit 32 bits.
 pub(super) const MAX_PIXELS: usize = 1 << 26;
 
 impl Image {

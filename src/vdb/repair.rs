@@ -26,7 +26,7 @@ pub(super) struct Repair {
     pub notes: Vec<String>,
 }
 
-/// Range of slopes that counts as distances in world units.
+/// Range of the median slope that counts as distances in world units: creases lower it, coarse values spread it.
 const UNIT_SLOPES: [f64; 2] = [0.8, 1.25];
 
 /// The repairs of a grid without active voxels: an empty level set, if its background is that of a band.
