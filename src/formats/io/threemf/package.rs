@@ -118,7 +118,7 @@ pub(in crate::io) fn write_beams(
     factor: f64,
     unit: LengthUnit,
 ) -> io::Result<()> {
-    // In single precision the text of a vertex has at most 64 bytes, that of a beam 128.
+    // A vertex in single precision takes up to 70 bytes, a beam up to 84: what it counts more is for its vertices.
     let bytes = 64 * lattice.nodes.len() as u64 + 128 * lattice.beams.len() as u64;
     // The radius of the lattice is a default that no beam uses; readers may drop beams below the tiny `minlength`.
     let radius = lattice.beams.first().map_or(1.0, |b| b.radii[0] * factor);

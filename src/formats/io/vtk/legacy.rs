@@ -192,7 +192,7 @@ impl File {
         }
     }
 
-    /// A count in a keyword's line, checked against the rest of the file at `bytes` each.
+    /// A count in a keyword's line, checked against the rest of the file at `bytes` each, in text at one.
     fn count(&self, word: &str, bytes: u64, what: &str) -> Result<usize, ReadError> {
         let claimed = word
             .parse()
