@@ -192,7 +192,7 @@ pub(super) const FLOAT_GRID_TYPE: &str = "Tree_float_5_4_3";
 const VECTOR_GRID_TYPE: &str = "Tree_vec3s_5_4_3";
 pub(super) const DOUBLE_GRID_TYPE: &str = "Tree_double_5_4_3";
 
-/// Reads a level set. Without a name: the grid `surface`, else the only level set of the file.
+/// Reads a level set. Without a name: `surface`, else the only level set, else the only grid of floats or doubles.
 ///
 /// # Errors
 /// [`FileError::Io`], [`FileError::Damaged`], [`FileError::NoGrid`], [`FileError::NotALevelSet`] for a grid without

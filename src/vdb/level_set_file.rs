@@ -72,7 +72,7 @@ impl LevelSetFile {
     /// Writes the file under its path and removes the temporary ones. If it fails, what the path names stays as it was.
     ///
     /// # Errors
-    /// [`FileError::Io`], [`FileError::Cancelled`], or what OpenVDB refuses, such as a half width below 1.
+    /// [`FileError::Io`], [`FileError::Leaves`], cancellation, or what OpenVDB refuses, such as a half width below 1.
     pub fn finish(self, session: Session<'_>) -> Result<WrittenFile, FileError> {
         let io = |e| FileError::io(&self.path, e);
         let leaves: TempPath = self.leaves.finish().map_err(io)?.into_temp_path();

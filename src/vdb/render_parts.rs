@@ -163,7 +163,7 @@ impl Scene<'_> {
     fn lit_hit(&self, [i, j]: [usize; 2]) -> Option<Vec3> {
         let n = j * self.view.size()[0] + i;
         let sample = &self.values[RAY_VALUES * n..][..RAY_VALUES];
-        let is_lit = sample[0].is_finite() && sample[5] != 0.0;
+        let is_lit = sample[0].is_finite() && sample[5] != 0.0; // depth and light
         is_lit.then(|| self.view.position(i, j, sample[0].into()))
     }
 }

@@ -283,7 +283,7 @@ fn to_srgb(linear: f32) -> u8 {
             })
             .collect()
     });
-    /// One step is less than a twentieth of a level where the curve is steepest.
+    /// One step is about a twentieth of a level where the curve is steepest.
     const TABLE_STEPS: usize = 1 << 16;
     TABLE[(linear.clamp(0.0, 1.0) * TABLE_STEPS as f32).round() as usize]
 }

@@ -123,7 +123,7 @@ impl Program {
     }
 
     /// Reads one grid of floats of a file. Without a name: `surface`, else the only level set, else the
-    /// only grid of floats.
+    /// only grid of floats or doubles.
     ///
     /// # Errors
     /// As [`Program::inspect`]; [`FileError::NoGrid`], and [`FileError::NotALevelSet`] for other types than floats and

@@ -375,7 +375,7 @@ impl Volume {
     }
 
     /// Reads a grid of floats in this process; only for trusted files. Without a name: `surface`, else the only
-    /// level set, else the only grid of floats.
+    /// level set, else the only grid of floats or doubles.
     ///
     /// # Errors
     /// [`FileError::Io`], [`FileError::Damaged`], [`FileError::NoGrid`], or
@@ -433,7 +433,7 @@ impl Volume {
     /// Writes the grid with its tags as a `.vdb`.
     ///
     /// # Errors
-    /// [`FileError::Io`] with the system's error number.
+    /// [`FileError::Io`] with the system's error number, or errors of OpenVDB.
     pub(super) fn write_coarse_copy(&self, path: &Path) -> Result<(), FileError> {
         let threads = Threads::new(1).map_err(|e| FileError::io(path, std::io::Error::other(e)))?;
         let session = Session::new(&threads, &Silent);

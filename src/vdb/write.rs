@@ -242,7 +242,7 @@ impl<'a> VdbWriter<'a> {
     /// pipe, is written directly.
     ///
     /// # Errors
-    /// [`FileError::Io`] with the system's error number (28: no space left); [`FileError::Cancelled`].
+    /// [`FileError::Io`] with the system's error number (28: no space left), cancellation, or errors of OpenVDB.
     pub fn write(self) -> Result<WrittenFile, FileError> {
         let path = self.path.clone();
         let io = |e| FileError::io(&path, e);
