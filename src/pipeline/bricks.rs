@@ -76,7 +76,7 @@ use solid::Bricks;
 const PLAN_FILE: &str = "plan.json";
 /// Greatest edge of a part that is operated on, voxels: that of an upper node of OpenVDB's tree.
 const MAX_PART_EDGE: i32 = 4096;
-/// Leaves per batch written to a file.
+/// Leaves per batch written to a file: 512 KiB of values, which bounds what each of the open blocks holds.
 const LEAVES_PER_BATCH: usize = 256;
 
 enum FirstPassSource<'a> {
@@ -442,8 +442,8 @@ pub(super) fn run(
     outcome.map_err(|e| brick_run.as_stopped(e))
 }
 
-/// Makes the first pass of all bricks, then all later passes, measures and outputs. The sampling counts are those
-/// of this run's bricks.
+/// Makes the first pass of all bricks, then all later passes, measures (without walls, layers and those of requirements
+/// if `is_brief`) and outputs. The sampling counts are those of this run's bricks.
 fn make_all(
     brick_run: &BrickRun,
     targets: &Targets,

@@ -2,7 +2,7 @@
 //!
 //! The cell of an element is the one with the greatest weight at its centre. Its law is that of the cell's period
 //! at the element's thickness (over the element's size), volume fraction or level, in the element's frame. The
-//! mean stretch of the elements is part of the period; deviations from it are not.
+//! mean stretch of a cell's hexes is part of the period; deviations from it, and stretches of tets, are not.
 
 use super::base::error::RunError;
 use super::content::inputs::Inputs;
@@ -35,7 +35,8 @@ pub(super) struct EffectiveElements<'a> {
     pub cells: Vec<LawCell<'a>>,
     /// The cell of each element.
     pub cell_of: Vec<usize>,
-    /// The graded quantity of each element in its law's units: a thickness over the element's size.
+    /// The graded quantity of each element: a thickness over the element's size, a volume fraction or a level; 0
+    /// without one.
     pub parameters: Vec<f64>,
     /// World length per reference length.
     pub scales: Vec<f64>,
@@ -50,8 +51,8 @@ impl<'a> EffectiveElements<'a> {
     /// The elements of the recipe's tiling.
     ///
     /// # Errors
-    /// [`RunError`]: no tiling, elements and cells that have no homogenised law, an element that is degenerate at its
-    /// centre, or a graded quantity that is not finite.
+    /// [`RunError`]: no tiling, elements other than hexes and tets, an element that is degenerate at its centre,
+    /// weights or a grading that fail, or a graded quantity that is not finite.
     pub fn of(inputs: &'a Inputs) -> Result<Self, RunError> {
         let Some(tiling) = inputs.tiling() else {
             return Err(RunError::Tiling(
@@ -158,7 +159,7 @@ impl<'a> EffectiveElements<'a> {
         self.frames.iter().map(|f| f.rotation).collect()
     }
 
-    /// Greatest stretch of an element beside its cell's period, and the number of reported elements.
+    /// Greatest stretch of an element beside its cell's period, and how many exceed `REPORTED_STRETCH`.
     pub fn stretched(&self) -> (f64, usize) {
         let ratios = self.frames.iter().zip(&self.cell_of);
         let ratios = ratios.map(|(f, &c)| f.ratio_beside(self.cells[c].aspect));

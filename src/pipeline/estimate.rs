@@ -54,7 +54,7 @@ pub struct Estimate {
     pub seconds: f64,
 }
 
-/// Greatest number of voxels in the box of a sampling.
+/// Greatest number of voxels in the box of a sampling, so that a prediction takes a few seconds.
 const MAX_SAMPLING_VOXELS: f64 = 1.5e8;
 
 /// A sampled or extrapolated band.
@@ -135,7 +135,7 @@ pub(super) fn shortage_error(
 /// Bytes of all outputs of a run in bricks with leaf files of `leaf_bytes`, and of their temporary
 /// files.
 pub(super) fn disk(inputs: &Inputs, leaf_bytes: u64) -> u64 {
-    // A leaf has about 220 active voxels.
+    // A leaf has about 220 active voxels, of 4 bytes each in the file beside its fixed part.
     let active = leaf_bytes as f64 / (4.0 + rates::LEAF_FILE_BYTES / 220.0);
     let counts = Counts {
         // How much of its box the solid fills is unknown: decks are left out.
@@ -158,7 +158,7 @@ impl Counts {
     /// width w.
     fn new(inputs: &Inputs, active: f64, leaves: f64) -> Self {
         Self {
-            // Blocks on the surface of a part are rarely fuller than an eighth.
+            // Blocks on the surface of a part are rarely fuller than an eighth of their 4096 leaves.
             blocks: leaves / 512.0,
             extent_blocks: leaves / 512.0,
             leaves,
@@ -243,6 +243,7 @@ pub(super) fn counts(
 /// The least power of two by which voxels grow so that the leaves around a box of so many of them have at most
 /// [`MAX_SAMPLING_VOXELS`]: a needle has few voxels inside, and a band around it that is wider than it.
 fn sampling_level(edges: Vec3, half_width: f64) -> i32 {
+    // The band on both sides, and one leaf of 8 voxels.
     let least = 2.0 * half_width + 8.0;
     let visited = |level: i32| -> f64 {
         let edges = edges.iter().map(|e| (e / 2f64.powi(level)).max(least));
@@ -273,8 +274,8 @@ fn after_resampling(inputs: &Inputs, mut counts: Counts) -> Counts {
     counts
 }
 
-/// Counts on voxels of 2^level times the recipe's edge: with all moves of the surface; the blocks and the greatest
-/// number of leaves are the greater ones of these and of those before the operations.
+/// Counts on voxels of 2^level times the recipe's edge, with all moves of the surface. `blocks` and `peak_leaves` are
+/// the greater ones of these and of those before the operations.
 fn counts_at_level(
     inputs: &Inputs,
     threads: &Threads,
@@ -458,6 +459,7 @@ pub(super) fn predict(inputs: &Inputs, threads: &Threads, c: &Counts) -> Estimat
         peak_memory_bytes: memory::resident().saturating_add(memory as u64),
         table_bytes: tiling.map_or(0, CellTiling::table_bytes),
         disk_bytes: disk_bytes(inputs, c) as u64,
+        // `seconds` holds for two threads.
         seconds: seconds(inputs, c) * 2.0 / threads.count() as f64,
         ..Estimate::default()
     }

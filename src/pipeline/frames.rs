@@ -19,7 +19,7 @@ const NAME_KEYS: [&str; 4] = ["field", "component", "velocity", "name"];
 /// Name of the report of a frame whose recipe names none.
 const REPORT_NAME: &str = "report.$F4.json";
 
-/// Checks that every input with a frame token exists at some frames.
+/// Checks that every input with a frame token exists at each of these frames.
 ///
 /// # Errors
 /// [`RunError::Read`] names the missing frames and the nearest that exist.
@@ -34,7 +34,7 @@ pub fn check_frames(recipe: &Recipe, frames: &[i32]) -> Result<(), RunError> {
     Ok(())
 }
 
-/// Checks that a series of files has some frames; `key` names it in messages.
+/// Checks that a series of files has each of these frames; `key` names it in messages.
 ///
 /// # Errors
 /// [`ReadError`] names the missing frames and the nearest that exist.
@@ -138,7 +138,6 @@ pub fn write_sequence_scenes(
         };
         let unit = output.unit_or_default(recipe.unit());
         let factor = recipe.unit().to(unit);
-        // Each frame has its file, and its box from the report in the unit of the output.
         let frames = reports.iter().map(|(frame, report)| {
             let name = expand(template, *frame).ok().flatten().unwrap_or_default();
             let file = Path::new(&name).file_name().unwrap_or_default();

@@ -30,9 +30,10 @@ mod update;
 const RESOLUTION: usize = 32;
 /// Tabulated volume fractions of a cell.
 const TABLE_POINTS: usize = 33;
-/// Factor by which tables go beyond the present thickness.
+/// Factor by which tables go below and above the present thickness: the volume fraction of struts grows with its
+/// square, by 36.
 const THICKNESS_RANGE: f64 = 6.0;
-/// Greatest tabulated thickness, over the size of an element.
+/// Greatest tabulated thickness over the size of an element, unless a present one is greater: near 1 the void closes.
 const MAX_THICKNESS: f64 = 0.9;
 /// Bounds of the volume fraction, unless others are given.
 const FRACTION_BOUNDS: [f64; 2] = [0.05, 0.8];
@@ -87,7 +88,7 @@ pub struct GradeReport {
     pub mean: f64,
     /// The target that elements are compared with.
     pub target: f64,
-    /// Elements above the limit.
+    /// Elements above the limit; `None` without one.
     pub above_limit: Option<usize>,
     /// Volume of the solid of the present part, in cubes of the recipe's unit.
     pub solid_volume: f64,
@@ -99,7 +100,7 @@ pub struct GradeReport {
     pub new_range: [f64; 2],
     /// Elements at a bound.
     pub at_bounds: usize,
-    /// Bytes of the file.
+    /// Bytes of the written `.vtu`.
     pub bytes: u64,
 }
 

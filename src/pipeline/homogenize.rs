@@ -127,7 +127,7 @@ fn round(
     }))
 }
 
-/// The period of a cell of a recipe, changed by `flags`: element, level rule, radius, section.
+/// The period of a cell of a recipe, changed by `flags`: element, level rule, radius, plate thickness, section.
 ///
 /// # Errors
 /// [`RunError`]: no cell of that name, no element, or an error of the cell or its period.

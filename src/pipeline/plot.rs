@@ -24,7 +24,7 @@ pub use modulus::modulus_picture;
 pub use sheet::{contact_sheet, contact_sheet_columns};
 pub use sweep::{SweepCurve, sweep_picture};
 
-/// Greatest number of labelled powers of ten.
+/// Powers of ten from whose double on not each is labelled.
 const MAX_DECADES: usize = 20;
 /// Sizes in pixels: of a slice, the margins, the header, the chart and the page.
 const SLICE: usize = 380;
@@ -35,9 +35,9 @@ const WIDTH: usize = 3 * SLICE + 4 * MARGIN;
 const HEIGHT: usize = HEADER + SLICE + CHART + 4 * MARGIN;
 /// Pixels per sample of a slice.
 const STRIDE: usize = 2;
-/// Number of points at which a truncated cell is compared.
+/// Number of points at which a truncated cell is compared: the curve is drawn, not reported.
 const SAMPLE_POINTS: usize = 400;
-/// Number of points on the curve.
+/// Steps between the points of the curve, at most: equal numbers of coefficients are one point.
 const CURVE_POINTS: usize = 16;
 /// Smallest root mean square that is drawn; smaller ones are rounding.
 const MIN_PLOTTED_RMS: f64 = 1e-9;
@@ -78,7 +78,6 @@ fn planes(element: Element) -> Vec<Plane> {
     }
     let z = element.centroid().0.z;
     let above = f64::midpoint(z, max.z);
-    // Vertical through the axis and a vertex.
     let vertex = element.vertices()[0];
     let across = Vec3::new(vertex.x, vertex.y, 0.0).normalize() * -1.0;
     vec![
@@ -281,7 +280,7 @@ fn truncated<const D: usize>(
         .collect();
     terms.sort_by(|a, b| b.0.total_cmp(&a.0));
     let terms: Vec<_> = terms.into_iter().map(|t| t.1).collect();
-    // Numbers in equal steps of their logarithm, n^(i / points).
+    // Numbers in equal steps of their logarithm, n^(i / steps).
     let mut counts: Vec<usize> = (0..=CURVE_POINTS)
         .map(|i| {
             (terms.len() as f64)

@@ -25,9 +25,10 @@ use std::path::Path;
 pub struct FieldSample {
     /// The field's value in the units of the cell; NaN outside the scaffold. Of beams and sheets it is a distance.
     pub phi: f64,
-    /// Its gradient in world space.
+    /// Its gradient per world length; NaN where the element's map has no inverse.
     pub gradient: [f64; 3],
-    /// The solid's signed distance, recipe units, clamped to the band; outside the scaffold too.
+    /// Signed distance of the tiled solid before any operation, recipe units, clamped to the band; outside the
+    /// scaffold too.
     pub distance: f64,
     /// The element's number in its file; -1 outside.
     pub element: i64,

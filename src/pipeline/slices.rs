@@ -34,11 +34,11 @@ pub struct SliceSummary {
     pub plan: Plan,
     /// Unit of all its lengths.
     pub unit: LengthUnit,
-    /// Sum of the layers' areas times their height, cubic units.
+    /// Sum of the areas of the layers so far times their height, cubic units.
     pub volume: f64,
 }
 
-/// Number of layers that are cut in parallel.
+/// Number of layers that are cut in parallel and in memory at once.
 const LAYERS_PER_GROUP: usize = 16;
 
 /// Rounding error of the surface of a sampled solid, voxels.

@@ -4,8 +4,8 @@
 use rustix::process::{Resource, getrlimit};
 use std::fs;
 
-/// Bytes that the process may still use: the machine's available memory, the rest of its control group's limit or of
-/// its own, whichever is least. `None` where the system reports none of them.
+/// Bytes that the process may still use: the machine's available memory, the rest of the limit of the root control
+/// group or of its own, whichever is least. `None` where the system reports none of them.
 pub(crate) fn available() -> Option<u64> {
     let machine = kibibytes("/proc/meminfo", "MemAvailable:");
     let own = [
@@ -23,8 +23,8 @@ fn own_limit(resource: Resource, used: &str) -> Option<u64> {
     Some(limit.saturating_sub(kibibytes("/proc/self/status", used)?))
 }
 
-/// The rest of the memory limit of the control group, bytes, of version 2 or else 1. `None` without one: version 2
-/// writes `max` there, which is no number.
+/// The rest of the memory limit at the root of the control groups, bytes, of version 2 or else 1: in a container the
+/// process's own. `None` without one, as at the root of version 2 or with `max`, which is no number.
 fn control_group() -> Option<u64> {
     let read = |path: &str| fs::read_to_string(path).ok()?.trim().parse::<u64>().ok();
     let v2 = read("/sys/fs/cgroup/memory.max").zip(read("/sys/fs/cgroup/memory.current"));

@@ -12,7 +12,7 @@ use crate::pipeline::measure::least_wall;
 use crate::pipeline::measure::least_wall::{MAX_BRICK_WALL, Phase, WallSamples};
 use crate::progress::CancelOnly;
 
-/// Edge of a cube, voxels. With its halo it has as many leaves as a block.
+/// Edge of a cube, voxels. With the halo of 24 voxels and the rim of 8 on both sides it has 128, as a block.
 const CUBE_EDGE: i32 = 64;
 /// Voxels beyond the halo, so that its outer leaves have neighbours.
 const RIM_WIDTH: i32 = 8;

@@ -280,7 +280,7 @@ impl<'a> Meshes<'a> {
                 file: MeshStream::create(path, unit, output.quads, attributes.names())?
                     .in_double(is_double),
                 factor,
-                // Files in double precision keep near vertices distinct, and an OBJ always is one.
+                // Files in double precision keep near vertices distinct; an OBJ always has the digits of doubles.
                 max_coordinate: (!is_double && !is_obj(path)).then_some(far),
                 is_exact,
                 face_source: FaceSource::of(output, context.scale),
@@ -293,7 +293,6 @@ impl<'a> Meshes<'a> {
                 },
             });
         }
-        // One field serves all outputs.
         let needs_exact = outputs.iter().any(|output| output.is_exact);
         let exact = needs_exact.then(|| shape(brick_run.inputs, context.scale));
         Ok(Self {

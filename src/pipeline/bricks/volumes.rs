@@ -110,7 +110,6 @@ impl<'a> Volumes<'a> {
                 let named: Vec<_> = named.collect();
                 self.write_one(output, path, &[], &named)
             }
-            // One file per component, with its number in the name.
             Some(Segments::Files) => {
                 let mut files = Vec::new();
                 for (n, component) in components() {

@@ -94,7 +94,7 @@ impl<'a> Inputs<'a> {
             let is_skin = matches!(op.operand(), Some(Operand::Skin(_)));
             // The skin of a file with beams needs its mesh alone, and then does not know of its beams.
             let is_known = |(known, was_skin, (_, beams)): &&(SurfaceRef, bool, SolidAndBeams)| {
-                *known == surface && (*was_skin == is_skin || !was_skin && beams.is_none())
+                *known == surface && (*was_skin == is_skin || (!was_skin && beams.is_none()))
             };
             let (solid, lattice) = if let Some((_, _, solid_and_beams)) = seen.iter().find(is_known)
             {

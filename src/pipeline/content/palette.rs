@@ -68,7 +68,8 @@ const PROVISIONAL_THICKNESS: f64 = 0.1;
 /// Greatest error of the tables of matched cells, edge lengths.
 const MATCHED_TABLE_TOLERANCE: f64 = 2e-5;
 
-/// Greatest jump of tables across shared faces, over the range of values there.
+/// Greatest jump of tables across shared faces, over the range of values there: a fifth below the 1e-5 from which W114
+/// warns, since the certificate samples other points.
 const MAX_RELATIVE_JUMP: f64 = 8e-6;
 /// Greatest number of refinements to reach it.
 const MAX_REFINEMENTS: usize = 4;
@@ -165,8 +166,8 @@ pub(crate) fn cells_by_shape(
 }
 
 /// Levels, matches and tabulates the cells of a name. `cells` have the level of their section; a volume fraction
-/// is met anew with the elements as they are. A table is a cell's field
-/// at nodes of a grid, which runs evaluate. Adds warnings to `files`.
+/// is met anew with the elements as they are. A table is a cell's field at nodes of a grid, which runs evaluate.
+/// Adds warnings to `files`.
 pub(crate) fn palette_cell(
     files: &mut InputFiles,
     scaffold: &Scaffold,
@@ -257,9 +258,9 @@ pub(crate) fn palette_cell(
     Ok(entry)
 }
 
-/// Refines tables until the jump across faces is at most twice that of the exact cells, or
-/// [`MAX_RELATIVE_JUMP`]. Tables of elements that are rotated against each other, as wedges may be, have
-/// different errors on their shared face.
+/// Refines tables until the jump across faces is at most twice that of the exact cells or [`MAX_RELATIVE_JUMP`]; gives
+/// up after [`MAX_REFINEMENTS`], or where no finer table is possible. Tables of elements that are rotated against
+/// each other, as wedges may be, have different errors on their shared face.
 fn refine_tables(scaffold: &Scaffold, entry: &mut PaletteCell) {
     let elements: Vec<Element> = entry.cells.iter().map(Cell::element).collect();
     let cell_index = |shape: Element| {

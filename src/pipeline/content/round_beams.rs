@@ -448,8 +448,8 @@ fn sized_parts(
     network.sized(scaffold, Width::Varying(&mut diameters), at, limits)
 }
 
-/// The thicknesses of the cells in world units, in the order of `names`, padded with 0 to eight; `None` if no cell
-/// has one. Some with and some without is an error.
+/// The thicknesses of the cells in world units, in the order of `names`, padded with 0 to eight, the most cells of a
+/// tiling; `None` if no cell has one. Some with and some without is an error.
 fn physical_thicknesses(recipe: &Recipe, names: &[&str]) -> Result<Option<[f64; 8]>, RunError> {
     let cells = &recipe.sections().cell;
     let mut all = [0.0; 8];
@@ -470,8 +470,8 @@ fn physical_thicknesses(recipe: &Recipe, names: &[&str]) -> Result<Option<[f64; 
     }
 }
 
-/// Round beams as a filling of elements, for the continuity certificate. Bounds are trivial, because the
-/// certificate evaluates points only.
+/// Round beams as a filling of elements, for the continuity certificate. Bounds are trivial, because the certificate
+/// evaluates points only; slopes are those of a distance, 1 in the world.
 pub(crate) struct ElementView<'a> {
     beams: &'a Beams,
     scaffold: &'a Scaffold,

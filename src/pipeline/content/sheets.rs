@@ -26,7 +26,7 @@ use crate::tiling::{Boundary, CellField, Graded, Kernel, TiledSolid, TilingOptio
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Mutex, PoisonError};
 
-/// Half width, in voxels, of the mid-surface's band that provides closest points.
+/// Half width, in voxels, of the mid-surface's band that provides closest points: the default of a recipe's band.
 const MID_HALF_WIDTH: f64 = 3.0;
 /// Voxels between the points at which a graded thickness is evaluated.
 const THICKNESS_STEP: i32 = 4;

@@ -319,10 +319,10 @@ impl CellTiling {
         let count = self.palette.len();
         let mut grading = vec![0.0; values.len()];
         for (c, entry) in self.palette.iter().enumerate() {
-            // The share of this cell at a point.
-            let weight = |node: usize| match self.weights.get(node * count + c) {
+            // The share of this cell at a point; weights are empty for a single cell.
+            let weight = |at: usize| match self.weights.get(at * count + c) {
                 Some(w) => {
-                    w / self.weights[node * count..(node + 1) * count]
+                    w / self.weights[at * count..(at + 1) * count]
                         .iter()
                         .sum::<f64>()
                 }

@@ -106,8 +106,8 @@ pub(in super::super) fn frames(scaffold: &Scaffold) -> (Vec<Option<ElementFrame>
     }
 }
 
-/// The geometric mean ratio of the edges of elements along x, y, z of the period, weighted by volume, of product 1.
-/// `all` are frames with volumes.
+/// The geometric mean ratio of the edges of elements along x, y, z of the period, weighted by volume, of product 1: of
+/// the diagonals of their stretches, which are the edges for bricks. `all` are frames with volumes.
 pub(in super::super) fn mean_aspect<'a>(
     all: impl Iterator<Item = (&'a ElementFrame, f64)>,
 ) -> [f64; 3] {

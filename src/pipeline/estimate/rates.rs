@@ -1,7 +1,7 @@
-//! Measured rates of a run: bytes by leaf, point, pixel and element; nanoseconds by active voxel, on two threads.
+//! Rates of a run: bytes by leaf, point, pixel and element; nanoseconds by active voxel, on two threads.
 //!
-//! A prediction multiplies them with the counts of a sampling. `tests/clients/estimate.py DRUSE DIRECTORY RECIPE...`
-//! measures them: it prints what a dry run predicts beside what the run takes.
+//! A prediction multiplies them with the counts of a sampling. Numbers without a reason at their place are fits to
+//! measured runs: `tests/clients/estimate.py DRUSE DIRECTORY RECIPE...` prints predictions beside what the runs take.
 
 use super::Counts;
 use crate::pipeline::ops::voxels::{Resampling, Voxels};
@@ -10,7 +10,7 @@ use std::path::Path;
 
 /// A leaf in memory: 512 floats, mask, origin, and its share of the parent nodes.
 pub(crate) const LEAF_BYTES: f64 = 2240.0;
-/// A leaf in a leaf file, beside 4 bytes per active voxel.
+/// A leaf in a leaf file, beside 4 bytes per active voxel: a mask of 64 bytes and its place in the block.
 pub(crate) const LEAF_FILE_BYTES: f64 = 66.0;
 /// A vertex of a mesh with its triangles.
 pub(super) const MESH_POINT_BYTES: f64 = 50.0;
@@ -44,22 +44,22 @@ pub(super) const THICKNESS_POINT_SECONDS: f64 = 3e-5;
 /// A voxel of a homogenised cell with six load cases.
 pub(super) const HOMOGENISED_VOXEL_SECONDS: f64 = 2e-5;
 
-/// The program without inputs; a triangle of a solid with its search structure; an element with its cell's map; a
-/// byte of a file that holds no mesh.
+/// Memory of the program without inputs; of a triangle of a solid with its search structure; of an element with its
+/// cell's map; and per byte of a file that holds no mesh.
 pub(crate) const PROGRAM_BYTES: u64 = 64 << 20;
 pub(crate) const TRIANGLE_BYTES: u64 = 400;
 pub(crate) const ELEMENT_BYTES: u64 = 2000;
 pub(crate) const FILE_FACTOR: u64 = 12;
-/// A run in bricks: read-ahead and file buffers; a thread's leaves of a block with their labels; the values of an
-/// attribute that are processed at once; a block on the disk; a leaf on the disk with its labels.
+/// Memory of a run in bricks: read-ahead and file buffers; a thread's leaves of a block with their labels; the values of
+/// an attribute that are processed at once; the entry of a stored block in the index; that of a leaf with its labels.
 pub(crate) const BUFFER_BYTES: f64 = 32.0 * 1_048_576.0;
 pub(crate) const THREAD_BYTES: f64 = 14.0 * 1_048_576.0;
 pub(crate) const ATTRIBUTE_BYTES: f64 = 4.0 * 1_048_576.0;
 pub(crate) const STORED_BLOCK_BYTES: f64 = 1300.0;
 pub(crate) const STORED_LEAF_BYTES: f64 = 16.0;
 
-/// Copies of the leaves and nanoseconds per active voxel of an operation on voxels `on`, from measured runs. Rates
-/// of moves grow with the distance in half voxels.
+/// Copies of the leaves, and nanoseconds per active voxel, of an operation on voxels `on`. Moves take 200 ns for each
+/// half voxel of the distance, the greatest step of OpenVDB's filter.
 pub(super) fn operation(op: &Op, on: Voxels) -> (f64, f64) {
     let voxels = |size: &Size| size.resolve(on.scale) / on.scale.voxel_size;
     let moved = |size: &Size| 200.0 * (2.0 * voxels(size)).max(1.0);
@@ -135,8 +135,8 @@ pub(super) fn mesh_file_point_bytes(output: &Output, path: &Path) -> f64 {
     bytes * section.map_or(1.0, |d| (d.share.0 + 0.02).min(1.0))
 }
 
-/// Bytes of grids in a file: two masks and a little more per leaf, and floats. Blosc saves an eighth of the floats,
-/// more where neighbours are equal. Fog has the inner half of the band.
+/// Bytes of grids in a file: two masks of 64 bytes and a little more per leaf (153), and floats. Blosc saves an eighth
+/// of the 4 bytes of a float, more where neighbours are equal. Fog has the inner half of the band.
 pub(super) fn grids_file_bytes(words: &[GridWord], c: &Counts) -> f64 {
     let bytes = words.iter().map(|word| {
         let (share, by_voxel) = match word {

@@ -76,7 +76,7 @@ pub(crate) fn shape_with<'a>(
 }
 
 /// A box that contains the solid after its field operations and some offsets, world units. It is found without
-/// making the field of the tiling, which is costly. `None` where the solid is empty or unbounded.
+/// making the field of the tiling, which is costly. `None` where the solid is empty, unbounded, or nothing makes one.
 pub(crate) fn extent_bound(
     inputs: &Inputs,
     scale: Scale,

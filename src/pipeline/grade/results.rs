@@ -2,7 +2,7 @@
 //!
 //! Results belong to the deck that the recipe writes. Nodes of a `.frd` are compared by number and place, nodes or
 //! elements of a mesh file by place. Results of another mesh are refused: they would be put on wrong elements. Values
-//! at nodes become means of elements; a stress becomes its von Mises stress.
+//! at nodes become means of elements; a stress of six or nine numbers becomes its von Mises stress.
 
 use super::{GradeOptions, GradeRule};
 use crate::frame::{Vec3, WorldPoint};

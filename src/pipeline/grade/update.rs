@@ -14,7 +14,7 @@ use std::collections::HashMap;
 
 /// Radius of the filter over the mean size of elements: in a grid of cubes neighbours at faces and edges count.
 const FILTER_ELEMENTS: f64 = 1.5;
-/// Most steps of a bisection; 58 narrow a factor of 10^18 down to rounding.
+/// Greatest number of steps of the bisection; 18 decades to `MASS_TOLERANCE` take about 30.
 const MAX_STEPS: usize = 80;
 /// Relative error of the mass at which a bisection ends, and by which a mass may lie outside what bounds allow.
 const MASS_TOLERANCE: f64 = 1e-6;
@@ -234,6 +234,7 @@ impl Grading<'_> {
             if (mass / wanted - 1.0).abs() < MASS_TOLERANCE {
                 break;
             }
+            // Too small a mass needs a lower target: the upper end moves.
             ends[usize::from(mass < wanted)] = middle;
         }
         Ok(found)

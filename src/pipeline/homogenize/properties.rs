@@ -107,7 +107,8 @@ pub fn cell_properties(
     let gradient = start.map(|start| gradient(source, options, level, &shares, start, progress));
     let gradient = gradient.transpose()?;
     drop(shares);
-    // A wave needs two voxels. Where the grid half as fine has fewer there is no error estimate.
+    // A wave needs two voxels; where the grid half as fine has fewer there is no error estimate. Its solid has the level
+    // of the finer one, so that only the voxels differ.
     let half = resolution / 2;
     let coarse = if half >= MIN_RESOLUTION && source.period.band_limit() <= half as f64 / 2.0 {
         let samples = sampled(source, half, Some(level), progress)?;
@@ -209,7 +210,8 @@ impl CellProperties {
         (surface > 0.0).then(|| 4.0 * (1.0 - self.fine.volume_fraction) / surface)
     }
 
-    /// Relative errors of stiffness, conductivity and permeability: their differences to the grid half as fine.
+    /// Errors of stiffness, conductivity and permeability: the greatest difference of an entry to the grid half as fine,
+    /// over the greatest entry. `None` for what was not computed, and without a coarse grid.
     pub fn errors(&self) -> [Option<f64>; 3] {
         let Some(coarse) = &self.coarse else {
             return [None; 3];
@@ -238,7 +240,6 @@ impl CellProperties {
         all["hydraulic_diameter"] = json!(self.hydraulic_diameter());
         if let Some(coarse) = &self.coarse {
             let [stiffness, conductivity, permeability] = self.errors();
-            // 2 fine - coarse: exact where the error falls with the edge of a voxel.
             let both = |a: &Option<[[f64; 3]; 3]>, b: &Option<[[f64; 3]; 3]>| {
                 a.as_ref().zip(b.as_ref()).map(|(a, b)| extrapolated(a, b))
             };

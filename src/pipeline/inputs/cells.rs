@@ -194,7 +194,7 @@ fn with_side(cell: Cell, side: Solid) -> Result<Cell, CellFault> {
 /// nothing.
 ///
 /// # Errors
-/// When no level gives the requested volume fraction or thickness, and for a thickness in units of length.
+/// A level without a surface, a volume fraction or thickness that no level gives, a thickness in units of length.
 pub fn with_level(cell: Cell, section: &CellSection) -> Result<Cell, CellFault> {
     let side = section.solid.map(|s| match s {
         recipe::Solid::Below => Solid::Below,

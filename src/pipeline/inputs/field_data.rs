@@ -113,7 +113,7 @@ impl FieldData {
         &self.path
     }
 
-    /// The box around all points with values.
+    /// The box around all places of the field; of a grid, around its active voxels.
     pub fn bounds(&self) -> Aabb {
         match &self.source {
             Source::Grid(grid) => grid.bounds(),

@@ -18,7 +18,7 @@ const MIN_WEIGHT: f64 = 1e-9;
 pub(crate) struct FieldGrid {
     volume: Volume,
     map: IndexMap,
-    /// From the recipe's coordinates to the file's.
+    /// From differences to `origin`, where the file's origin lies in the recipe's coordinates, to the file's coordinates.
     inward: Mat3,
     origin: Vec3,
     /// First and last active voxel.

@@ -14,7 +14,7 @@ const EXPECTED_CONTENT: &str = "generators such as x,-z,y, one a line";
 /// Reads a file of generators. A group without a name takes that of its file.
 ///
 /// # Errors
-/// [`ReadError`] with the line.
+/// [`ReadError`]: a file that cannot be read or is too large; a line that is no generator.
 pub fn read_group(path: &Path) -> Result<GroupText, ReadError> {
     let failed = |e| ReadError::io(path, e);
     let length = std::fs::metadata(path).map_err(failed)?.len();

@@ -10,8 +10,8 @@ use crate::io::{Place, ReadError};
 use crate::recipe::{CellPlace, CellSection, FileRef};
 
 impl SourceReader<'_> {
-    /// The cell of the samples of a `.npy` at lattice coordinates u = j/N - 1/2 of the period. Method
-    /// fft transforms them; least squares fits them where the element is the period and no band limit is
+    /// The cell of the samples of a `.npy` at lattice coordinates u = j/N - 1/2 of the period. Method fft transforms
+    /// them; least squares fits them where the element is the period and no band limit, tolerance, solver or filter is
     /// set. `None` for other sections.
     pub(crate) fn cell_from_samples(
         &self,

@@ -26,7 +26,7 @@ pub struct RunOptions {
     pub report: Option<PathBuf>,
     /// Whether a warning ends the run.
     pub strict: bool,
-    /// Whether to skip slow measures that no output needs: wall thickness and requirements.
+    /// Whether to skip slow measures that no output needs: wall thickness, layers and requirements.
     pub brief: bool,
     /// The child process that opens `.vdb` input files. Without one, this process reads them, and a
     /// damaged file can crash it.

@@ -259,7 +259,6 @@ impl SourceReader<'_> {
         if let Some(group) = &options.group {
             options.group = Some(self.group(group)?);
         }
-        // A sampled period, or a source of geometry that is fitted.
         let cell_from_samples = self.cell_from_samples(name, section, element, &options, record)?;
         let cell = if let Some(cell) = cell_from_samples {
             cell
@@ -421,7 +420,7 @@ fn placement(place: &CellPlace) -> Placement {
 /// of a surface, strut graph or plate set, or as a formula.
 ///
 /// # Errors
-/// An input that is none of these; the hint lists the names.
+/// An input that is none of these; the hint lists the names. Also a CAD file, and a file that cannot be read.
 pub fn set_source(input: &Path, section: &mut CellSection) -> Result<(), ReadError> {
     let text = input.to_str().unwrap_or("");
     let file = || Some(Brief(FileFrame::short(input.to_owned())));

@@ -55,8 +55,7 @@ fn target(table: &TargetTable) -> Result<Target, CellFault> {
     })
 }
 
-/// The design that a section with a target describes; `matched` are the cells
-/// whose trace on the faces the design keeps.
+/// The design that a section with a target describes; `matched` are the cells whose trace on the faces the design keeps.
 ///
 /// # Errors
 /// [`CellFault`]: keys that exclude each other; a start that cannot be read.

@@ -26,10 +26,10 @@ pub(crate) fn cavities_of(
     ))
 }
 
-/// The cavities of a file's level set, in the file's unit.
+/// The cavities of a file's level set, in the file's unit, up to `DEFAULT_CAVITY_REACH` voxels from the solid.
 ///
 /// # Errors
-/// [`RunError`]: cancellation.
+/// [`RunError`]: an error of OpenVDB, or cancellation.
 pub fn level_set_cavities(
     solid: &LevelSet,
     unit: LengthUnit,
@@ -43,7 +43,7 @@ pub fn level_set_cavities(
 /// The layers of a file's level set, in the file's unit `unit`; lengths of the section are in `own`.
 ///
 /// # Errors
-/// [`RunError`]: an invalid section, or cancellation.
+/// [`RunError`]: an invalid section, layers out of range, an error of OpenVDB, or cancellation.
 pub fn level_set_layers(
     section: &BuildSection,
     own: LengthUnit,

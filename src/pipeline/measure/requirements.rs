@@ -94,8 +94,7 @@ pub(crate) fn judge(require: &RequireSection, report: &Report, scale: Scale) -> 
 /// Judges the level set of a file; `unit` is that of its lengths.
 ///
 /// # Errors
-/// [`RunError`]: a requirement that only a run can judge, a file that is too large, or
-/// cancellation.
+/// [`RunError`]: a level set without a surface or too large, an invalid `[build]`, an error of OpenVDB, or cancellation.
 pub fn judge_level_set(
     file: &RequireFile,
     solid: &LevelSet,

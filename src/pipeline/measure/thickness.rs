@@ -258,7 +258,7 @@ fn walls(
         context.progress.advance(1);
     }
     let mut level = 0;
-    // No inscribed ball is wider than the solid is long.
+    // No inscribed ball is wider than the diagonal, which is less than twice the longest side.
     while !wider.is_empty()
         && level < MAX_LEVEL
         && f64::from(FIRST_LEVEL_RADIUS << level) < 2.0 * extent

@@ -1,7 +1,7 @@
-//! Attributes that shade a solid, at any point near it: cells, weights, reference coordinates,
-//! thickness.
+//! Attributes that shade a solid, at any point near it: numbers of cells and elements, weights, reference coordinates,
+//! velocity and place at rest, thickness.
 //!
-//! Outside the scaffold a point takes the attributes of the closest point of the scaffold's boundary.
+//! Outside the scaffold a point takes all but the thickness from the closest point of the scaffold's boundary.
 
 use crate::frame::{Aabb, CellPoint, Element, Vec3, WorldPoint};
 use crate::io::VertexAttribute;

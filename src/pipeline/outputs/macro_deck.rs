@@ -106,7 +106,6 @@ fn make(
     let mut classes = Vec::new();
     let mut class_of = vec![0u32; elements.cell_of.len()];
     let mut facts = MacroDeckFacts::default();
-    // Elements of one cell with similar parameters share a material class.
     for (c, law) in laws.iter().enumerate() {
         let cell_classes = material_classes(&elements, c);
         for (n, (parameter, members)) in cell_classes.iter().enumerate() {

@@ -217,7 +217,6 @@ fn volumes(
     let mut written = Vec::new();
     for (path, grids) in files {
         let hash = volume(context, done, output, &path, unit, &grids, is_divided)?;
-        // A scene names all grids of its file.
         let names = grids.iter().map(|(name, _)| name.clone());
         let words = words(done.inputs.recipe, output);
         let words = words
@@ -323,7 +322,6 @@ fn volume(
     let fog_grid = fog_grid.transpose().map_err(RunError::level_set("fog"))?;
     let attributes = Attributes::new(context, done.inputs, &words, done.thickness, factor)?;
     let numbers = attributes.grids(context, done.solid)?;
-    // The file appears under its name when it is complete.
     let staged = StagedPath::create(path)?;
     let mut file = vdb_file(context, done.inputs, output, path)?;
     if words.contains(&GridWord::Surface) {

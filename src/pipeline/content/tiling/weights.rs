@@ -84,7 +84,7 @@ impl CellTiling {
             .map(|e| e.map(e.shape().centroid()).0)
             .collect();
         let mut cell_of: Vec<Option<usize>> = vec![None; scaffold.len()];
-        // Later entries replace earlier ones where both apply.
+        // Later entries replace earlier ones where both apply. A formula holds where it is positive at the centre.
         for (n, a) in section.assign.iter().enumerate() {
             let key = format!("tiling.assign.{n}");
             let cell_index = self.palette.iter().position(|e| e.name == a.cell);

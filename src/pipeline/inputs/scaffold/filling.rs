@@ -12,7 +12,7 @@ use rayon::prelude::*;
 /// Distance of the mesh from the tets, in cells, and share of the volume that are worth a warning.
 const WORTH_A_WARNING: f64 = 0.1;
 const MAX_VOLUME_ERROR: f64 = 0.005;
-/// Quality (that of `druse scaffold info`) below which tets are named: a mean ratio of 0.1.
+/// Quality (that of `druse scaffold info`) below which tets are named: a mean ratio of 0.1, to the power 3/2.
 const POOR: f64 = 0.0316;
 /// Quality of tets that count as flat: no rounding is larger.
 const NO_VOLUME: f64 = 1e-7;
