@@ -393,7 +393,7 @@ fn voxel_size(p: &Parameters, mesh: &PolyMesh, unit: LengthUnit) -> Result<f64, 
     Ok((least / digit).ceil() * digit)
 }
 
-/// Writes a mesh in the format of a path's extension.
+/// Writes a mesh in the format of a path's extension, a level set in metres, and returns the bytes of the file.
 fn write(
     p: &Parameters,
     mesh: &PolyMesh,
@@ -446,6 +446,7 @@ fn write(
     }
 }
 
+/// The level set of a crystal. Refuses inward normals, and so many voxels along a side that a surface fills the memory.
 fn voxelized(
     mesh: &PolyMesh,
     path: &Path,

@@ -340,7 +340,6 @@ impl From<ReadError> for Failure {
 }
 
 impl From<FileError> for Failure {
-    // Errors of `.vdb` files: missing, failing system, damaged or wrong content, exhausted resources, cancellation.
     fn from(e: FileError) -> Self {
         let (message, hint) = (e.to_string(), e.hint());
         let (code, file) = match e {

@@ -11,7 +11,7 @@ pub(super) enum FileKind {
     Recipe,
     /// A unit cell.
     Cell,
-    /// A triangle mesh.
+    /// A mesh of triangles or polygons, or a script that makes one.
     Mesh,
     /// A mesh of elements.
     Scaffold,

@@ -62,7 +62,6 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     check_names(&fractions)?;
     require_directory(&p.output)?;
     let mut design_order = fractions.clone();
-    // The middle cell comes first: the others keep its trace.
     design_order.swap(0, fractions.len() / 2);
     let mut middle_cell: Option<Cell> = None;
     let mut complete_names: Vec<String> = Vec::new();

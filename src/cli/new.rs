@@ -26,6 +26,7 @@ pub(super) struct Parameters {
 
 const STARTER: &str = include_str!("new.toml");
 
+/// Writes the starter with the recipe's name in it, or with `--part` a recipe for that part.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let mut path = p.name.clone();
     if path.extension().is_none_or(|e| e != "toml") {

@@ -139,7 +139,7 @@ fn surface(part: &Path, is_cad: bool, session: &Session) -> Result<TriMesh, Fail
     if !is_cad {
         return Ok(crate::io::read_mesh(part)?.mesh);
     }
-    // A crude surface is enough to measure: 1e22 is the limit of gmsh's own default, none.
+    // A crude surface is enough to measure: 1e22 is gmsh's own default, which limits no edge.
     let options = CadOptions {
         cell: 1e22,
         order: 1,

@@ -68,7 +68,6 @@ impl Parameters {
             .hint("name it: --unit mm"));
         };
         let r = &require.section;
-        // These are measured on voxels.
         for (name, needs) in [
             ("least_wall", r.least_wall.is_some()),
             ("least_gap", r.least_gap.is_some()),

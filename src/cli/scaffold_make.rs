@@ -90,6 +90,7 @@ impl Made<'_> {
         Ok(())
     }
 
+    /// The unit of the part's numbers: that of the flag, else of the file, else millimetres.
     fn unit(&self) -> Result<LengthUnit, Failure> {
         let stated = match self.unit {
             Some(unit) => Some(unit),
@@ -99,6 +100,7 @@ impl Made<'_> {
         Ok(stated.unwrap_or(LengthUnit::Millimetre))
     }
 
+    /// The part filled with tets of the edge `cell`. Repairs and what the tets leave of the part become warnings.
     fn filling(&self, cell: f64, session: &Session) -> Result<Scaffold, Failure> {
         let file = crate::io::read_mesh(self.part)?;
         for warning in file.warnings {

@@ -87,7 +87,6 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     let mut failed = 0;
     for (n, c) in combinations.iter().enumerate() {
         let label = label(&axes, &c.values);
-        // Rows are known by the hash of their recipe, so that an interrupted sweep goes on.
         if table.holds(&c.hash) {
             continue;
         }

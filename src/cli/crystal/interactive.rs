@@ -14,7 +14,8 @@ draw X.png           a picture; any other output (.obj, .dlfl, .stl, .vdb) as we
 help, quit
 Steps may be several on a line (;) and loops may run over lines:";
 
-/// Reads steps and commands until stdin ends or the command `quit`. A step that fails changes nothing.
+/// Reads steps and commands until stdin ends or the command `quit`. A step that fails changes nothing. `draw` writes a
+/// mesh and returns the bytes of the file; `intersections` describes where a mesh meets itself, if it does.
 pub(super) fn run_session(
     interpreter: &mut Interpreter,
     session: &Session,
@@ -52,7 +53,7 @@ pub(super) fn run_session(
     }
 }
 
-/// The reply to a line; `None` ends the session.
+/// The reply to a line; `None` ends the session. `undo` with a word that is no number is run as a step, which fails.
 fn reply(
     text: &str,
     interpreter: &mut Interpreter,

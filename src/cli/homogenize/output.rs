@@ -10,17 +10,19 @@ use std::fmt::Write;
 /// Angle between the directions of a table of moduli, degrees.
 const ANGLE_STEP_DEGREES: usize = 5;
 
-/// The solid, as it was given.
+/// The solid, as it was given; `None` for a modulus or conductivity of 1, to which the results are relative.
 pub(super) struct Material {
     pub young: Option<f64>,
     pub poisson: f64,
     pub kappa: Option<f64>,
+    /// Moduli and conductivity of the void over those of the solid.
     pub void: f64,
 }
 
 pub(super) struct PeriodResults<'a> {
     pub source: &'a CellPeriod,
     pub material: Material,
+    /// Whether voxels were rounded to solid or void.
     pub is_sharp: bool,
     pub computed: &'a CellProperties,
 }
@@ -55,7 +57,8 @@ impl PeriodResults<'_> {
     }
 
     /// A table of every number as CSV: quantity, row, column, value. The name of a derivative has its coefficient.
-    /// Bounds and errors have a word as row, scalars nothing.
+    /// Bounds and errors have a word as row, scalars nothing. For a planar period `bulk` is that of all six directions
+    /// as in space, `bulk_bound` that of the plane.
     pub fn csv(&self) -> String {
         let mut text = "quantity,i,j,value\n".to_owned();
         let fine = self.fine();
@@ -179,7 +182,6 @@ impl PeriodResults<'_> {
             fine.volume_fraction,
         );
         let young = self.material.young.unwrap_or(1.0);
-        // Without a modulus the solid has E = 1.
         let unit = if self.material.young.is_some() {
             ""
         } else {
@@ -247,7 +249,6 @@ impl PeriodResults<'_> {
         for (name, error) in names.into_iter().zip(self.computed.errors()) {
             error_texts.extend(error.map(|e| format!("{name} {:.2} %", 100.0 * e)));
         }
-        // The error is the difference of the two grids.
         if let (Some(coarse), false) = (&self.computed.coarse, error_texts.is_empty()) {
             let _ = writeln!(
                 text,

@@ -13,7 +13,7 @@ const PLOT_LEFT: f64 = 44.0;
 const PLOT_WIDTH: f64 = 400.0;
 const PLOT_TOP: f64 = 14.0;
 const PLOT_HEIGHT: f64 = 130.0;
-/// Number of labels along the axis.
+/// Steps between the labels of an axis, which has one label more; at most so many where steps are round.
 const LABELS: usize = 4;
 
 /// A limit that the chart marks; its value is in the unit of the histogram.

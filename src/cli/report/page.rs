@@ -47,7 +47,6 @@ impl Page<'_> {
             ("The run", self.run()),
         ];
         for (title, content) in sections {
-            // Sections without content are left out.
             if !content.is_empty() {
                 let _ = write!(body, "<section><h2>{title}</h2>{content}</section>");
             }

@@ -71,7 +71,6 @@ pub(super) fn layers(solid: &Value, unit: &str) -> String {
             );
         }
     }
-    // Curves over the height: the section, the overhang and the sealed area.
     let points = |key: &str| -> Vec<[f64; 2]> {
         let pair = |step: &Value| Some([step["height"].as_f64()?, step[key].as_f64()?]);
         profile.iter().filter_map(pair).collect()

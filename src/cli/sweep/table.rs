@@ -76,7 +76,7 @@ impl Table {
             .is_some_and(|row| row[row.len() - 2].is_empty())
     }
 
-    /// Adds the numbers of a run.
+    /// Adds the numbers of a run under the columns that the table has, or those of the run where it has none yet.
     pub fn add(&mut self, values: &[String], hash: &str, numbers: &[(&str, Value)]) {
         if self.columns.is_empty() {
             self.columns = numbers.iter().map(|n| n.0.to_owned()).collect();

@@ -83,7 +83,6 @@ class Drawing {
     this.request();
   }
 
-  // Hides or shows a part.
   toggle(part, visible) {
     if (visible) this.hidden.delete(part);
     else this.hidden.add(part);

@@ -295,8 +295,8 @@ fn usual_key(code: &str) -> Option<&'static str> {
     }
 }
 
-/// Runs the changed recipe with all its files and stores the result for the page. `number`
-/// identifies the run, so that a later one cancels it.
+/// Runs the changed recipe with all its files and stores the result for the page. `number` identifies the run, which
+/// ends once the request `stop` draws another one.
 pub(super) fn run_full(work: &Work, text: &RecipeText, edit: &Edit, number: u64) {
     let progress = work.progress_of(&work.full, number);
     let done = super::work::caught(|| {

@@ -46,8 +46,10 @@ pub(super) struct State {
     /// The voxel size and number of active voxels of the last result; the steps that are done, and their number.
     pub result: Value,
     pub sampled: Option<Arc<Sampled>>,
-    /// The voxel size that gives the last part the voxels of a first step.
+    /// Voxel size of the first step of the next change, recipe units: at it the last part has the voxels of a first step.
+    /// `None` before any part, after a failure or cancellation: the box of the part then gives a guess.
     pub coarse_size: Option<f64>,
+    /// The full run for the page: null before any, whether it is in progress, then its files and warnings or its error.
     pub full: Value,
 }
 

@@ -125,7 +125,6 @@ class Drawing {
     this.home();
   }
 
-  // Shows the whole model.
   home() {
     this.camera.face(...HOME, this.wide());
   }

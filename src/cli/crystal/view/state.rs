@@ -159,7 +159,7 @@ impl<'a> ViewState<'a> {
         Ok(json!({ "path": path.display().to_string(), "bytes": bytes }))
     }
 
-    /// Refuses a script that does not reproduce the model.
+    /// Refuses a script that does not reproduce the model; its `save` steps write nothing here.
     fn replay(&self, script: &str, mesh: &PolyMesh) -> Result<(), Refused> {
         let files = DiskFiles::new(self.sandbox.directory(), false);
         let made = crate::io::run_script(script, &files, &[]);
