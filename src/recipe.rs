@@ -1,9 +1,9 @@
 //! The recipe: one TOML document from sources to files.
 //!
-//! The order of the sections is that of the pipeline: `[cell.NAME]`, `[scaffold]`, `[tiling]`, `[band]`, `[[op]]`,
-//! `[[output]]`, `[build]`, `[require]`. Each section is one struct whose fields are the keys; the doc comment of a field
-//! documents the key, the JSON schema and the command line's flag. Unknown keys are errors that name the nearest
-//! known one. Every error has its line or its override.
+//! The order of the sections is that of the pipeline: `[cell.NAME]`, `[crystal.NAME]`, `[scaffold]`, `[tiling]`,
+//! `[band]`, `[[op]]`, `[[output]]`, `[build]`, `[require]`. Each section is one struct whose fields are the keys; the
+//! doc comment of a field documents the key, the JSON schema and the command line's flag. Unknown keys are errors that
+//! name the nearest known one. An error about a key has its line or its override.
 //!
 //! Conventions: a length is a number in the recipe's unit or a string with its own ("0.2mm", "3vx");
 //! paths are relative to the recipe; arrays in override keys count from 0.

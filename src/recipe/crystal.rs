@@ -90,7 +90,6 @@ pub(super) fn check(sections: &Sections, source: &Source) -> Result<(), RecipeEr
         };
         script.map_err(|e| source.step_fault(&format!("{key}.steps"), &e))?;
     }
-    // Keys that take a mesh or a crystal take exactly one.
     for (key, found) in pairs(sections) {
         if found != 1 {
             let message = format!(

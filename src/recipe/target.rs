@@ -56,8 +56,7 @@ pub struct TargetTable {
     /// Evaluations of the objective for each start that reaches the last stage [default: 100].
     pub evaluations: Option<u32>,
     /// Voxels along the period in the last stage, an even number; figures are for as many and for twice
-    /// as many [default: 24, of sheets 32, or four for
-    /// the shortest wave].
+    /// as many [default: 24, of sheets 32, or four for the shortest wave].
     pub voxels: Option<u32>,
 }
 

@@ -58,7 +58,7 @@ impl TilingSection {
         found
     }
 
-    /// Whether the level differs from place to place.
+    /// Whether the tiling gives a level, volume fraction or thickness, also one that is the same everywhere.
     pub fn is_graded(&self) -> bool {
         self.level.is_some() || self.volume_fraction.is_some() || self.thickness.is_some()
     }

@@ -121,7 +121,6 @@ pub fn expand(text: &str, frame: i32) -> Result<Option<String>, TokenError> {
     );
     let mut out = String::new();
     let mut end = 0;
-    // The text between tokens is copied, each token becomes the number.
     for token in &found {
         out.push_str(&text[end..token.span.start]);
         out.push_str(&number);
