@@ -101,7 +101,6 @@ impl<'a> CallableField<'a> {
     fn call(&self, points: impl ExactSizeIterator<Item = Vec3>) -> Vec<f64> {
         let count = points.len();
         let flat: Vec<f64> = points.flat_map(|p| [p.x, p.y, p.z]).collect();
-        // A value that is not a number ends the sampling.
         if self.progress.cancelled() || !self.is_sound() {
             return vec![f64::NAN; count];
         }
@@ -150,7 +149,6 @@ impl Field for CallableField<'_> {
         let value = self.values[(i * self.counts[1] + j) * self.counts[2] + k];
         let sample = self.origin + Vec3::from(index) * self.spacing;
         let reach = self.lipschitz * ((centre - sample).norm() + region.half_diagonal());
-        // Without a value nothing is known.
         if value.is_nan() {
             return Interval::REAL_LINE;
         }
@@ -169,7 +167,7 @@ impl Field for CallableField<'_> {
         let samples = 0..origins.len() * 512;
         // Sample n is voxel (n / 64 mod 8, n / 8 mod 8, n mod 8) of leaf n / 512.
         let point = |n: usize| {
-            let [x, y, z] = [n >> 6 & 7, n >> 3 & 7, n & 7].map(|i| i as f64 * step);
+            let [x, y, z] = [(n >> 6) & 7, (n >> 3) & 7, n & 7].map(|i| i as f64 * step);
             origins[n >> 9].0 + Vec3::new(x, y, z)
         };
         let found = self.call(samples.map(point));

@@ -70,7 +70,7 @@ impl Cell {
         })
     }
 
-    /// The cell of samples over a period, of shape [n, n, n] or [n, n].
+    /// The cell of samples over a period, of shape [n, n, n] or [n, n]; `binary` ones are 1 inside, others negative.
     #[staticmethod]
     #[pyo3(signature = (name, element, samples, shape, binary, band_limit=None, progress=None))]
     #[allow(clippy::too_many_arguments)] // Each is an argument of the Python function.
@@ -157,7 +157,7 @@ impl Cell {
         Ok(PyBytes::new(py, &bytes))
     }
 
-    /// Values at reference points; by the series, or by its table.
+    /// Values at reference points: by the series if `exact`, else by its table.
     fn values<'py>(
         &self,
         py: Python<'py>,
@@ -168,7 +168,6 @@ impl Cell {
         let found = session::work(py, None, |_| {
             let mut found = vec![0.0; points.len()];
             let table = if exact { None } else { Some(self.table()?) };
-            // Chunks are evaluated in parallel into their own part of the result.
             let chunks = found.par_chunks_mut(CHUNK_POINTS);
             chunks
                 .zip(points.par_chunks(CHUNK_POINTS))

@@ -352,7 +352,7 @@ impl LevelSet {
         Ok(PyBytes::new(py, &bytes))
     }
 
-    /// Moves or smooths the surface: the name of the operation, a distance or width, and a number of steps.
+    /// Moves (`amount` in world units) or smooths (in voxels); an `operation` that is not below is `renormalise`.
     #[pyo3(signature = (operation, amount, iterations, progress=None))]
     fn apply(
         &self,

@@ -86,6 +86,7 @@ impl Tiling {
             boundary: self.boundary,
             ..TilingOptions::new(voxel_size)
         };
+        // A single cell of one shape is itself the field where nothing varies; a blend would only cost time.
         if let (None, None, [member]) = (&self.weights, &self.shifts, &self.members[..])
             && let [table] = &member[..]
             && self.mixture.is_empty()
@@ -101,6 +102,7 @@ impl Tiling {
             cells: tables.iter().map(|t| &**t).collect(),
         });
         let nodes = self.scaffold.nodes().len();
+        // Weights are by node and member. `None` is one member, with weight 1 at every node.
         let weights = self.weights.clone().unwrap_or_else(|| vec![1.0; nodes]);
         let blend = Blend::new(
             &self.scaffold,
@@ -112,6 +114,7 @@ impl Tiling {
         if let Some(shifts) = &self.shifts {
             blend = blend.graded(shifts.clone())?;
         }
+        // Sums of unlike cells lose volume in between; the level is moved so that the fraction is interpolated too.
         if self.members.len() > 1 {
             blend = blend.with_interpolated_volumes();
         }
