@@ -74,7 +74,8 @@ use solid::Bricks;
 
 /// File name of the plan in the brick directory.
 const PLAN_FILE: &str = "plan.json";
-/// Greatest edge of a part that is operated on, voxels: that of an upper node of OpenVDB's tree.
+/// Greatest edge of a part that is operated on, voxels: that of an upper node of OpenVDB's tree. In one node, pruning
+/// keeps the signs of a part.
 const MAX_PART_EDGE: i32 = 4096;
 /// Leaves per batch written to a file: 512 KiB of values, which bounds what each of the open blocks holds.
 const LEAVES_PER_BATCH: usize = 256;
@@ -346,8 +347,8 @@ struct Layout {
 /// The plan in bricks of a run that needs bricks or requests them; `None` for a run in memory.
 ///
 /// # Errors
-/// A shortage of memory that bricks cannot solve, requested bricks that the run cannot use, a full disk, and errors of
-/// the inputs' field.
+/// A shortage of memory that bricks cannot solve, requested bricks that the run cannot use, a full disk, errors of
+/// the inputs' field, and cancellation.
 pub(super) fn plan_if_needed(
     inputs: &Inputs,
     threads: &Threads,

@@ -20,13 +20,13 @@ mod law;
 
 pub(super) use law::{Law, LawCell, LawSettings};
 
-/// Tabulated values of a graded law.
+/// Tabulated values of a graded law, each a homogenisation; cubics join them.
 const TABLE_POINTS: usize = 9;
-/// Relative range of a quantity below which one value is tabulated.
+/// Relative range of a quantity below which one value is tabulated: that of rounding.
 const MIN_RELATIVE_RANGE: f64 = 1e-6;
-/// Weight at an element's centre below which the element is a blend.
+/// Weight at an element's centre below which the element is counted as a blend, which its law is not.
 const MIN_CELL_WEIGHT: f64 = 0.95;
-/// Stretch beside the mean from which on an element is reported.
+/// Stretch beside the mean above which an element is reported, since its law leaves it out.
 const REPORTED_STRETCH: f64 = 1.25;
 
 /// The cells and gradings of all elements.

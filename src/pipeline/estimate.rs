@@ -223,7 +223,7 @@ pub(super) fn counts(
     counts.extent_blocks = extent_blocks;
     if level > 0 {
         let coarser = counts_at_level(inputs, threads, progress, level + 1)?;
-        // Exponent of h by which the number of active voxels grows, from the two samplings.
+        // Exponent of 1/h by which active voxels grow, from the two samplings: 2 of a surface to 3 of a full volume.
         let growth = (counts.active / coarser.active.max(1.0)).log2();
         let factor = 2f64.powf(f64::from(level) * growth.clamp(2.0, 3.0));
         counts = Counts {

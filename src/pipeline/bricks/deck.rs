@@ -12,7 +12,7 @@ use crate::progress::CancelOnly;
 use crate::recipe::Output;
 use std::path::Path;
 
-/// Voxels around a brick that its border cells need.
+/// Voxels around a brick: its border cells need one, and parts consist of whole leaves.
 const HALO: i32 = 8;
 
 /// Writes the deck of a solid in bricks to `path` and returns its entry in the report. The cubes of all bricks are

@@ -21,7 +21,7 @@ use crate::recipe::Recipe;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Default memory of a process that makes bricks, bytes.
+/// Default memory of a process that makes bricks, bytes; the machine that plans may have more than those.
 const DEFAULT_MEMORY: u64 = 2 << 30;
 /// Greatest size of a plan's file, bytes.
 const MAX_PLAN_BYTES: u64 = 256 << 20;

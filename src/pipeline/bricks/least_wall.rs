@@ -16,9 +16,9 @@ use crate::progress::CancelOnly;
 const CUBE_EDGE: i32 = 64;
 /// Voxels beyond the halo, so that its outer leaves have neighbours.
 const RIM_WIDTH: i32 = 8;
-/// Greatest number of cubes that are measured.
+/// Greatest number of cubes that are measured, which bounds the time of a large solid.
 const MAX_CUBES: usize = 256;
-/// Target number of samples.
+/// Target number of samples, as in memory: enough for a percentile.
 const TARGET_SAMPLES: f64 = 20_000.0;
 
 /// Inscribed balls of one phase (solid or void) over the surface, with diameters up to [`MAX_BRICK_WALL`] voxels.

@@ -413,8 +413,7 @@ impl<'a> Meshes<'a> {
             else {
                 continue;
             };
-            // Without projection and decimation a quad depends on few voxels, and the part of the whole
-            // brick has them.
+            // Without projection and decimation a quad depends on few voxels, and the part of the whole brick has them.
             let projection_halo = match (projection, decimation) {
                 (None, None) => {
                     output.add_quad_region(context, solid, None, region, far, last)?;
@@ -423,6 +422,7 @@ impl<'a> Meshes<'a> {
                 (Some(_), _) => UNTANGLING_HALO,
                 (None, Some(_)) => 0,
             };
+            // Merged quads need a wider halo than single ones; projected vertices need single quads around them.
             let halo =
                 LevelSet::quad_halo(*adaptivity).max(LevelSet::quad_halo(0.0) + projection_halo);
             let blocks: Vec<Coord> = stored.store.blocks_in(region).collect();

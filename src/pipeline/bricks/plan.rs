@@ -87,13 +87,13 @@ impl BrickPlan {
     /// # Errors
     /// What is invalid.
     pub fn check(&self) -> Result<(), String> {
+        // These limits keep later sums of coordinates within 32 bits.
         if !(1..=64).contains(&self.edge) {
             return Err(format!(
                 "bricks of {} blocks a side; expected 1 to 64",
                 self.edge
             ));
         }
-        // These limits keep later sums of coordinates within 32 bits.
         if self.halo > 1 << 20 {
             return Err(format!(
                 "a halo of {} voxels; expected at most 1048576",

@@ -36,7 +36,6 @@ impl BrickRun<'_> {
         for component in 0..found.len() {
             let segment = found.segment(component);
             let blocks = segment.blocks();
-            // Small components get small bricks, so that little is read for them.
             let edge = if blocks.len() > MAX_SMALL_COMPONENT_BLOCKS {
                 self.plan.edge
             } else {

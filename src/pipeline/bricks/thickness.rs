@@ -45,6 +45,7 @@ impl RegionalSurface for BrickSurface<'_> {
         let context = solid.bricks.context(brick_run, &quiet);
         let failed = RunError::level_set("thickness");
         let region = region.grown(halo);
+        // Regions of wider balls have many blocks; one after the other bounds the memory for their voxels.
         let parts: Vec<Region> = if level == 0 {
             vec![region]
         } else {

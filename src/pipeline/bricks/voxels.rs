@@ -5,7 +5,7 @@ use crate::band::{BLOCK, LEAF, Region, SurfacePoints};
 use crate::frame::{Aabb, Coord, Transform};
 use crate::pipeline::ops::voxels::{INTERPOLATION_REACH, Resampling, Voxels};
 
-/// Safety margin of halos, voxels.
+/// Safety margin of halos beyond the reaches that are counted, voxels: a leaf.
 pub(super) const HALO_MARGIN: f64 = 8.0;
 /// Reach of the values that determine a surface point, voxels: those of the stencil that locates a crossing, and
 /// of a corner beyond it.

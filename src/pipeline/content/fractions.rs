@@ -16,7 +16,7 @@ use crate::scaffold::Scaffold;
 use rayon::prelude::*;
 use std::convert::Infallible;
 
-/// Greatest number of elements that a density is summed over; beyond it every n-th element counts.
+/// Greatest number of elements that a density is summed over, all at each of its points; of more every n-th counts.
 const MAX_ELEMENTS: usize = 3000;
 /// Greatest number of secant steps to the common level shift of several cells.
 const MAX_STEPS: usize = 30;

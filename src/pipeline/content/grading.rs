@@ -10,7 +10,7 @@ use crate::pipeline::base::error::RunError;
 use crate::scaffold::Scaffold;
 use crate::tiling::{CellField, TilingError};
 
-/// Number of grades that tabulate the range of a quantity.
+/// Number of grades that tabulate the range of a quantity; each takes a search for its level.
 const GRADE_COUNT: usize = 9;
 
 /// World length per reference length of a shape at every node: the mean over the elements around it; 1 at a node

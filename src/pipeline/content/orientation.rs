@@ -99,7 +99,7 @@ pub(super) fn turn_elements(
 }
 
 /// Unit vectors of a direction at points: from three numbers, a field of vectors, or the principal
-/// direction of a field of stresses. Fails where a vector has length 0, or a field has other numbers.
+/// direction of a field of stresses. Fails where a vector has length 0, or a field has another number of components.
 fn unit_vectors(
     files: &mut InputFiles,
     spatial: &SpatialContext,

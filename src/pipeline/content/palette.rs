@@ -63,9 +63,9 @@ impl TableAccuracy {
 /// Greatest root mean square difference, in edge lengths, of a matched cell from the requested one
 /// without a warning.
 const MAX_MATCHING_RMS: f64 = 0.05;
-/// Thickness in reference lengths of sheets whose tiling gives another.
+/// Thickness in reference lengths of sheets until their tiling gives another.
 const PROVISIONAL_THICKNESS: f64 = 0.1;
-/// Greatest error of the tables of matched cells, edge lengths.
+/// Greatest error of tables where element shapes meet, edge lengths.
 const MATCHED_TABLE_TOLERANCE: f64 = 2e-5;
 
 /// Greatest jump of tables across shared faces, over the range of values there: a fifth below the 1e-5 from which W114

@@ -35,8 +35,8 @@ mod fraction;
 
 use fraction::diameter_for_fraction;
 
-/// Chordal error of curved struts, and error of radii between the points at which they are evaluated,
-/// voxels.
+/// Chordal error of curved struts, and error of radii between the points at which they are evaluated, voxels: small
+/// beside what voxels resolve, like that of the boundary below.
 const CHORDAL_ERROR: f64 = 0.02;
 const RADIUS_ERROR: f64 = 0.01;
 /// Least radius of tapering struts, voxels: thinner ones break.

@@ -14,9 +14,9 @@ use crate::recipe::{Boundary, Distance, Scale};
 use crate::tiling;
 use crate::tiling::{TiledSolid, TilingOptions};
 
-/// Share of a tiling's tolerance that interpolation between nodes may use; tables have a separate
-/// tolerance.
+/// Share of a tiling's tolerance that interpolation between nodes may use beside the error of tables.
 const NODE_TOLERANCE_SHARE: f64 = 0.5;
+
 impl Inputs<'_> {
     /// The tiling options for voxels of one size, lengths in world units. Distances must hold as far beyond the
     /// band as the offsets reach. Without a scaffold the boundary has its default.

@@ -22,12 +22,12 @@ use std::cmp::Ordering;
 const MIN_CONTACT_SINE: f64 = 0.766;
 /// Greatest cosine between the normals at two opposite contacts: that of 100 degrees.
 const MAX_NORMAL_COSINE: f64 = -0.174;
-/// Edge of the cubes of the point search, over the distance between points.
+/// Edge of the cubes of the point search, over the distance between points: a surface has some 64 in a cube.
 pub(crate) const BIN_EDGE_FACTOR: f64 = 8.0;
 /// Diameter of the thickest wall that a run in bricks measures, voxels: the halo in which opposite walls
 /// are searched.
 pub(crate) const MAX_BRICK_WALL: i32 = 24;
-/// Depth, over its radius, to which the surface may reach into an inscribed ball.
+/// Depth, over its radius, to which the surface may reach into an inscribed ball: steps of voxels are no contact.
 const MAX_PENETRATION: f64 = 0.1;
 
 /// The phase that is measured: the solid's walls, or the gaps between them.

@@ -25,7 +25,7 @@ use std::path::Path;
 
 /// Voxels along the period, unless the output sets another number.
 pub(crate) const RESOLUTION: u32 = 32;
-/// Greatest number of materials of a cell.
+/// Greatest number of materials of a cell; each covers an equal part, 3 %, of the range of its parameter.
 const MAX_CLASSES: usize = 32;
 
 /// Warnings about a written deck.

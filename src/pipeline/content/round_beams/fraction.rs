@@ -53,7 +53,6 @@ pub(super) fn diameter_for_fraction(
     let elements = (0..scaffold.len()).into_par_iter();
     let mut distances: Vec<(f64, f64)> = elements.flat_map_iter(of_element).collect();
     distances.par_sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-    // Elements of one shape have equally many points, up to the noise of the sequence.
     let total: f64 = distances.iter().map(|f| f.1).sum();
     let mut sum = 0.0;
     let mut diameter = None;
