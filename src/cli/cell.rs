@@ -224,7 +224,6 @@ fn is_of<const D: usize>(element: Element, group: &PointGroup<D>, lattice: &Latt
 fn eval(cell: &Cell, points: &Path, output: Option<&Path>) -> Result<Answer, Failure> {
     output.map_or(Ok(()), require_writable)?;
     let planar = cell.element().dimension() == 2;
-    // A planar cell has no z.
     let columns: &[&str] = if planar {
         &["x", "y", "phi", "gx", "gy"]
     } else {

@@ -140,7 +140,7 @@ fn one_crystal(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
         require_writable(path)?;
     }
     let files = DiskFiles::new(&source.directory, true);
-    // Steps that can be undone: only the interactive mode undoes any.
+    // Steps that can be undone, each with its model in memory: only the interactive mode undoes any.
     let mut interpreter = Interpreter::with_history(&files, if p.interactive { 200 } else { 1 });
     interpreter = interpreter.with_progress(session);
     begin(&mut interpreter, &source, p.until, session)?;
@@ -230,7 +230,7 @@ fn begin(
     Ok(())
 }
 
-/// The script that the arguments name.
+/// The script that the arguments name; without one an empty script, or a cube for the page.
 fn source(p: &Parameters) -> Result<Source, Failure> {
     let unit = p.unit.unwrap_or_default();
     let Some(path) = &p.input else {
@@ -281,7 +281,8 @@ fn source(p: &Parameters) -> Result<Source, Failure> {
     }
 }
 
-/// The script of a recipe's crystal.
+/// The script of a recipe's crystal. Pairs of `--set` with a dot in the key, and the frame, change the recipe; the others
+/// are parameters of the script.
 fn of_recipe(p: &Parameters, path: &Path) -> Result<Source, Failure> {
     let dotted = |pair: &&String| pair.split('=').next().is_some_and(|key| key.contains('.'));
     let frame = p.frame.map(|frame| format!("frame={frame}"));

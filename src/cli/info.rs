@@ -193,6 +193,7 @@ fn vdb_screen(path: &Path, info: &FileInfo) -> String {
         if let Some([low, high]) = g.values {
             let _ = writeln!(text, "  active values {low} to {high}");
         }
+        // A file holds single precision: more digits would be none of its own.
         if let Some(background) = g.background.filter(|_| g.class == "level set" && g.cubic) {
             let _ = writeln!(
                 text,

@@ -78,7 +78,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     session.note(&format!(
         "{} bricks of {} voxels a side, halo {} voxels, about {} of leaf files and {} of memory",
         grouped(plan.bricks.len() as u64),
-        plan.edge * 128,
+        plan.edge * 128, // voxels of a block
         plan.halo,
         size(plan.leaf_bytes),
         size(plan.memory_bytes)

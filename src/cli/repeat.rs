@@ -50,7 +50,6 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             reason: e.to_string(),
         })
     };
-    // Without a folder the outputs are only compared, and removed again.
     let temporary = match &p.out {
         Some(_) => None,
         None => Some(PartialFolder::create(own_folder, FOLDER_NAME).map_err(failed)?),

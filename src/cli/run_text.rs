@@ -53,7 +53,7 @@ pub(super) fn reported(report: &Report, session: &Session) -> Answer {
         session.note(&format!(
             "went through {} bricks of {} voxels a side{found}",
             grouped(bricks.count),
-            bricks.edge * 128
+            bricks.edge * 128 // voxels of a block
         ));
     }
     if let (Some(n), Some(scaffold)) = (report.band.elements_visited, &report.scaffold) {

@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::Path;
 
-/// Steps that can be undone.
+/// Steps that can be undone; each keeps its model in memory.
 const MAX_UNDO_STEPS: usize = 500;
 /// Maximum number of faces of a mesh that every step checks for self-intersections.
 const MAX_CHECKED_FACES: usize = 20_000;
