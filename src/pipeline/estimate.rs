@@ -57,7 +57,7 @@ pub struct Estimate {
 /// Greatest number of voxels in the box of a sampling, so that a prediction takes a few seconds.
 const MAX_SAMPLING_VOXELS: f64 = 1.5e8;
 
-/// A sampled or extrapolated band.
+/// Counts of a sampled or extrapolated band: blocks of 128^3 voxels, leaves and active voxels.
 #[derive(Clone, Copy)]
 pub(super) struct Counts {
     pub blocks: f64,

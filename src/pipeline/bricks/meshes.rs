@@ -68,7 +68,7 @@ enum FaceSource {
     },
 }
 
-/// Beams that are written with the meshes.
+/// Beams that are written with the meshes; `factor` takes lengths of the recipe to `unit`.
 struct BeamOutput {
     path: PathBuf,
     lattice: BeamLattice,

@@ -299,7 +299,6 @@ fn refine_tables(scaffold: &Scaffold, entry: &mut PaletteCell) {
             }
         };
         let tables = entry.cells.iter().zip(&entry.tables).map(finer);
-        // If a finer table is impossible, the present one stays.
         let Ok(tables) = tables.collect::<Result<Vec<_>, _>>() else {
             return;
         };

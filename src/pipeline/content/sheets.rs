@@ -50,7 +50,7 @@ pub(crate) struct SheetThickness {
     is_inverted: bool,
 }
 
-/// Options of the field of sheets.
+/// Options of the field of sheets; `visits` counts the visited elements for the report, if there is one.
 #[derive(Clone, Copy)]
 pub(crate) struct SheetOptions<'a> {
     pub tiling: TilingOptions,

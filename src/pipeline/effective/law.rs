@@ -43,7 +43,7 @@ pub(in super::super) struct LawCell<'a> {
     pub aspect: [f64; 3],
 }
 
-/// One tabulated value.
+/// Volume fraction and stiffness at one tabulated value of the parameter.
 #[derive(Clone, Copy, Debug)]
 struct LawPoint {
     parameter: f64,

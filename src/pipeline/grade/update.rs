@@ -31,7 +31,8 @@ pub(super) struct Grading<'a> {
     pub measure: &'a [f64],
 }
 
-/// How it changes, by the options of a grading: `mass` over the present one, `bounds` and `filter` in recipe units.
+/// How it changes, in the fields of `GradeOptions`: `limit` in the unit of the measure, `mass` over the present one,
+/// `bounds` of the quantity, the radius `filter` in recipe units, and the greatest factor `step`.
 pub(super) struct Update {
     pub rule: GradeRule,
     pub limit: Option<f64>,
@@ -48,6 +49,7 @@ pub(super) struct NewGrading {
     /// The quantity, as the mean of corners, and the volume fraction of each element.
     pub values: Vec<f64>,
     pub fraction: Vec<f64>,
+    /// The target of the measure, and the number of elements that a bound keeps from it.
     pub target: f64,
     /// Elements whose own value, before the means at nodes, lies outside the bounds.
     pub at_bounds: usize,

@@ -46,7 +46,6 @@ impl CellCache {
         let Some(key) = key(reader, name, section, element) else {
             return reader.cell(name, section, element, record);
         };
-        // The kept warnings and file belong to the report of every run.
         let kept = self.lock().get(&key).cloned();
         if let Some(kept) = kept {
             record.warnings = kept.warnings;
@@ -55,7 +54,6 @@ impl CellCache {
         }
         let cell = reader.cell(name, section, element, record)?;
         let mut cells = self.lock();
-        // A session may make any number of cells; the cache stays bounded.
         if cells.len() >= MAX_CELLS {
             cells.clear();
         }

@@ -26,7 +26,7 @@ const MAX_SIZE_RATIO: f64 = 100.0;
 /// A solid, and the beams of its file.
 pub(crate) type SolidAndBeams = (Arc<MeshSolid>, Option<Arc<LatticeSolid>>);
 
-/// The files read so far.
+/// The files read so far, for the report; no output may replace `paths`. In a `strict` run a warning is an error.
 pub(crate) struct InputFiles<'a> {
     pub recipe: &'a Recipe,
     pub inputs: Vec<Input>,

@@ -54,7 +54,7 @@ pub(crate) struct LoadedScaffold {
     pub motion: NodeMotion,
 }
 
-/// A scaffold as its source describes it, before subdivision.
+/// A scaffold as its source describes it, before subdivision; `path` is its file, `envelope` the mesh that cuts it.
 struct SourceScaffold {
     scaffold: Scaffold,
     path: Option<PathBuf>,

@@ -208,7 +208,7 @@ enum CountLimit {
     AtMost(u64),
 }
 
-/// Collects verdicts.
+/// Collects verdicts; lengths are in the unit of `scale`.
 struct Judge {
     scale: Scale,
     /// Greatest diameter of walls and gaps that was measured, if it is limited.

@@ -12,7 +12,7 @@ pub(crate) struct Site<T> {
     pub value: T,
 }
 
-/// Points in cubes of equal size over their box.
+/// Points in cubes of equal `edge`, world units, over their box, whose least corner is `low`.
 pub(crate) struct Bins<T> {
     /// In order of their cubes.
     sites: Vec<Site<T>>,

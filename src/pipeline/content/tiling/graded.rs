@@ -20,7 +20,7 @@ pub(crate) enum GradedQuantity {
     Level,
 }
 
-/// Its values at the tiling's points.
+/// A graded quantity with its values at the tiling's points; a thickness in world units.
 pub(crate) struct Graded {
     pub quantity: GradedQuantity,
     values: Vec<f64>,

@@ -92,6 +92,7 @@ struct Tets {
 }
 
 impl Tets {
+    /// The tets whose quality is `limit` or less; that of a tet inside out counts as -1.
     fn worse_than(scaffold: &Scaffold, limit: f64) -> Self {
         let none = Self {
             count: 0,
