@@ -134,6 +134,7 @@ fn group_file(path: &Path, lattice: Option<&str>, radius: f64) -> Result<Answer,
     list_file::<3>(path, &text, lattice, "cubic", radius)
 }
 
+/// [`group_file`] in `D` dimensions; `default` is the lattice on which generators act where nothing names one.
 fn list_file<const D: usize>(
     path: &Path,
     text: &GroupText,

@@ -85,7 +85,7 @@ pub(super) fn each(
     Ok(Answer::new(lines.join("\n"), json!({ "frames": rows })).verdict(passed))
 }
 
-/// How the frames of a sequence are run.
+/// How the frames of a sequence are run; `set` are overrides of the recipe, KEY=VALUE.
 pub(super) struct Sequence<'a> {
     pub recipe: &'a Path,
     pub set: &'a [String],

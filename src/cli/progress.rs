@@ -20,7 +20,7 @@ pub(super) enum Style {
     None,
 }
 
-/// The current stage of the line styles.
+/// The current stage of the line styles; `shown` is the last tenth of it that was printed.
 struct Stage {
     name: String,
     total: Option<u64>,

@@ -252,6 +252,7 @@ fn groups_of(groups: &[Group], text: &mut String) -> Vec<Value> {
     all
 }
 
+/// The fields of a file with the range of each component, as lines in `text` and as objects.
 fn fields_of(fields: &[DataField], text: &mut String) -> Vec<Value> {
     let mut all = Vec::new();
     for field in fields {

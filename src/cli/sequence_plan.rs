@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 /// Version of the format.
 const VERSION: u32 = 1;
 
-/// The plan of a sequence; paths are relative to its folder.
+/// The plan of a sequence: recipe, overrides `set`, folder `out` of the outputs. Paths are relative to its folder.
 #[derive(Serialize, Deserialize)]
 pub(super) struct SequencePlan {
     /// Version of the format.
@@ -38,7 +38,7 @@ pub(super) struct SequencePlan {
 #[derive(Clone, Serialize, Deserialize)]
 struct Item {
     frame: i32,
-    /// The plan of a frame in bricks and the brick.
+    /// The plan of a frame in bricks and the brick; `None` where the item is a whole frame.
     plan: Option<PathBuf>,
     brick: Option<usize>,
 }

@@ -350,7 +350,6 @@ impl Page<'_> {
         if !recipe.is_empty() {
             lines.push(format!("druse run {}", escaped(recipe)));
         }
-        // A .vdb with a content hash can be repeated and compared.
         let volume = self.list("outputs").iter().find_map(|o| {
             let path = o["path"].as_str().filter(|p| {
                 std::path::Path::new(p)

@@ -16,7 +16,7 @@ const ADDABLE_KEYS: [(&str, &str, f64); 8] = [
     ("band", "half_width", 3.0),
 ];
 
-/// A key that the recipe lacks.
+/// A key that the recipe lacks, and the value with which a page adds it.
 pub(super) struct AbsentKey {
     pub key: String,
     /// The line of its section's header, such as `[tiling]`.

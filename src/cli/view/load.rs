@@ -347,7 +347,6 @@ fn surface_scene(
         "triangles in the file".into(),
         numbers::grouped(mesh.triangles().len() as u64),
     ]];
-    // Only a closed surface has a volume.
     if body.is_closed {
         let volume: f64 = components.iter().map(|c| c.volume).sum();
         facts.push(["volume".into(), volume_text(volume, &unit)]);

@@ -45,7 +45,7 @@ impl Field {
     }
 }
 
-/// Triangles with values.
+/// Triangles with values. Normals have the length 127; positions are in the unit of the scene.
 #[derive(Default)]
 pub(super) struct Body {
     pub name: String,
@@ -217,7 +217,7 @@ fn put_differences(out: &mut Vec<u8>, numbers: &[u32]) {
     }
 }
 
-/// A unit vector in 8 bits an axis.
+/// A direction as a vector of length 127 in 8 bits an axis; z for a vector of length 0.
 pub(super) fn normal_bytes(n: Vec3) -> [i8; 3] {
     let length = n.norm();
     if length > 0.0 {

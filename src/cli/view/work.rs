@@ -23,7 +23,7 @@ pub(super) enum Subject {
     Recipe(RecipeText),
 }
 
-/// A result that the page shows.
+/// A result that the page shows, as the bytes of its scene.
 #[derive(Clone)]
 pub(super) struct Published {
     /// Counts results; the page fetches a new one.
@@ -31,7 +31,7 @@ pub(super) struct Published {
     pub bytes: Arc<[u8]>,
 }
 
-/// What the page knows of the work.
+/// What the page knows of the work, values as JSON for it; `sampled` is the grid that its slices show.
 #[derive(Default)]
 pub(super) struct State {
     /// Changes that are to be computed.
