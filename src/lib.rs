@@ -7,7 +7,8 @@
 //! [`inverse`] (a cell with target properties), [`band`] (which 8^3 leaves matter, and
 //! their values), [`mesher`] (the band's surface in triangles), [`vdb`] (level sets in OpenVDB),
 //! [`recipe`] and [`pipeline`] (one document from sources to files). [`frame`], [`field`] and [`mesh`]
-//! are what all of them stand on; [`sequence`] holds frames of films, [`io`] reads and writes.
+//! are what all of them stand on; [`polymesh`] models polygon meshes by scripts, [`sequence`] holds frames of films,
+//! [`io`] reads and writes, [`progress`] reports and cancels. The [`guide`] shows their use by recipes.
 //!
 //! # Conventions
 //! | what | convention |

@@ -18,7 +18,7 @@ const MAX_BOUND_SAMPLES: f64 = (1 << 24) as f64;
 /// Voxels along the edge of a leaf.
 const LEAF_VOXELS: f64 = 8.0;
 
-/// A function of points [n, 3] with values [n], negative inside.
+/// A function of points [n, 3] with values [n], negative inside; `lipschitz` is its greatest slope.
 pub(crate) struct CallableField<'a> {
     function: Py<PyAny>,
     /// Ends the work once it is cancelled: a call may take long, and a block of leaves needs many.

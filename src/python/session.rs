@@ -78,7 +78,7 @@ struct Stage {
     total: Option<u64>,
 }
 
-/// What the work and the waiting thread share.
+/// What the work and the waiting thread share; `signal` wakes the latter once `finished` is set.
 #[derive(Default)]
 struct Monitor {
     stage: Mutex<Stage>,

@@ -177,7 +177,6 @@ impl Hybrid {
                     return Err(CellError::Expression(none).into());
                 };
                 let mut cell = (*first).clone();
-                // A sum or difference of several cells is made pair by pair.
                 for other in rest {
                     cell = minkowski(name, &cell, other, how, options, progress)?;
                 }
