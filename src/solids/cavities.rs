@@ -50,9 +50,9 @@ const MIN_PROMINENCE: f32 = 1.0;
 /// Least depth of a closed cavity, voxels, as for components.
 const MIN_DEPTH: f32 = 1e-3;
 
-/// A cavity. Radii are in world units, sampled at voxel centres, so that they are up to 0.9 voxels (half the diagonal of
-/// one) less than those of the continuous void. Ways narrower than a voxel are not resolved: their radius is only known
-/// to be less than about one voxel.
+/// A cavity. Radii are in world units, sampled at voxel centres, so that they are up to 0.9 voxels (half the diagonal
+/// of one) less than those of the continuous void. Ways narrower than a voxel are not resolved: their radius is only
+/// known to be less than about one voxel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cavity {
     /// Number of voxels.

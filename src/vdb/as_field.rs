@@ -75,7 +75,7 @@ pub struct SampledLevelSet {
 }
 
 /// Ratio of new to old voxel edge from which the old voxels are doubled before resampling (they stay at most half a new
-/// one): details finer than half a new voxel do not matter, and the band would have to be widened to many times its width.
+/// one): details finer than half a new voxel do not matter, and the band would have to grow to many times its width.
 pub const MAX_REFINEMENT_RATIO: f64 = 4.0;
 
 /// Factor on values beyond the band, so that they exceed any requested half width.
@@ -240,7 +240,7 @@ impl Field for SampledLevelSet {
             * f64::from(BEYOND_BAND_FACTOR)
             * 2.0;
         let inside = self.placement.inverted().image(*region);
-        // A parabola depends on voxels up to two beyond its cell; 1e9 keeps coordinates and their differences in 32 bits.
+        // A parabola depends on voxels up to two beyond its cell; 1e9 keeps coordinates and differences in 32 bits.
         let index = |v: f64| v.clamp(-1e9, 1e9) as i32;
         let origin = self.level_set.origin();
         let low = Coord([0, 1, 2].map(|a| index(((inside.min[a] - origin[a]) / h).floor()) - 2));

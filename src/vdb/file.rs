@@ -1,7 +1,7 @@
 //! Reading of `.vdb` files: their contents, and level sets.
 //!
 //! Files are read completely and at once, but for large ones that are viewed: OpenVDB's delayed loading of a damaged
-//! file crashes, hangs or exhausts memory. Read untrusted files in a child process, see [`subprocess`](super::subprocess).
+//! file crashes, hangs or exhausts memory. A child process reads untrusted ones, see [`subprocess`](super::subprocess).
 
 use super::error::FileError;
 use super::foreign::GridReading;

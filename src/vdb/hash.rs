@@ -192,7 +192,7 @@ fn as_half(v: f32) -> f32 {
         let step = 2f32.powi(-24);
         return (v / step).round_ties_even() * step;
     }
-    // Half a unit less 1, and 1 more for an odd digit, carry where the value is nearer to the next one, or ties to even.
+    // Half a unit less 1, and 1 more for an odd digit, carry where the value is nearer to the next, or ties to even.
     let bits = v.to_bits();
     let odd = bits >> 13 & 1;
     f32::from_bits(bits.wrapping_add(0xfff + odd) & !0x1fff)

@@ -195,7 +195,7 @@ fn leaf_cubes(
             continue;
         }
         let cube = Coord(voxel.0.map(|c| c.div_euclid(edge)));
-        // Neighbouring voxels share cubes, so that the last eight suffice; equal ones that these miss are added up later.
+        // Neighbouring voxels share cubes, so that the last eight suffice; others of the same place are added up later.
         match cubes.iter_mut().rev().take(8).find(|c| c.0 == cube) {
             Some(known) => known.1 += parts,
             None => cubes.push((cube, parts)),

@@ -70,8 +70,8 @@ impl Limits {
         let _ = set_parent_process_death_signal(Some(Signal::KILL));
     }
 
-    /// Limits for a file of this size, well above what a sound one needs: 2 GiB plus 40 times its size, 10 s plus 1 s per
-    /// 20 MB.
+    /// Limits for a file of this size, well above what a sound one needs: 2 GiB plus 40 times its size, 10 s plus 1 s
+    /// per 20 MB.
     pub fn for_size(bytes: u64) -> Self {
         Self {
             memory: (2 << 30) + bytes.saturating_mul(40),

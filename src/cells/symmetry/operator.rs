@@ -154,7 +154,7 @@ impl<const D: usize> FromStr for Operator<D> {
     }
 }
 
-/// Greatest factor of an axis: far above those of lattice symmetries, and low enough that `* 10` and sums stay in an i32.
+/// Greatest factor of an axis: far above those of lattice symmetries; `* 10` and sums of a million terms stay in an i32.
 const MAX_FACTOR: i32 = 1000;
 
 /// Reads one image such as `-x+2y` into a row of zeros. A term without a sign is positive also behind another: `xy` is

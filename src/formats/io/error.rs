@@ -93,8 +93,8 @@ impl ReadError {
         }))
     }
 
-    /// A failure of the system: [`ErrorClass::Missing`] for a nonexistent or unreadable file, [`ErrorClass::Data`] for an
-    /// early end and invalid bytes, else [`ErrorClass::Io`].
+    /// A failure of the system: [`ErrorClass::Missing`] for a nonexistent or unreadable file, [`ErrorClass::Data`] for
+    /// an early end and invalid bytes, else [`ErrorClass::Io`].
     pub fn io(path: impl AsRef<Path>, error: io::Error) -> Self {
         use io::ErrorKind::{
             InvalidData, IsADirectory, NotADirectory, NotFound, PermissionDenied, UnexpectedEof,

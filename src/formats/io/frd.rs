@@ -58,8 +58,8 @@ pub struct FrdFile {
 }
 
 impl FrdFile {
-    /// The field of a name in the last step that has it: the name in the file, or that of an output request of `CalculiX`
-    /// (S, E, U). Case does not matter.
+    /// The field of a name in the last step that has it: the name in the file, or that of an output request of
+    /// `CalculiX` (S, E, U). Case does not matter.
     ///
     /// # Errors
     /// [`ReadError`] with the fields that the file has.
@@ -288,7 +288,7 @@ impl Reader {
 /// Reads the results of `CalculiX`.
 ///
 /// # Errors
-/// [`ReadError`] with the line, for binary, damaged and truncated files, files without nodes and those of other programs.
+/// [`ReadError`] with the line, for binary, damaged and truncated files, and those without nodes or of other programs.
 pub fn read_frd(path: impl AsRef<Path>) -> Result<FrdFile, ReadError> {
     let path = path.as_ref();
     let mut reader = Reader {

@@ -42,8 +42,8 @@ struct GraphText {
 /// with their radii, and both arguments are ignored; its numbers are reference lengths.
 ///
 /// # Errors
-/// [`ReadError`] with the line, edge or face: a missing file, another extension, more than 64 MiB, invalid text, no parts,
-/// a node that does not exist, a missing or wrong number of radii or thicknesses, a part that [`Skeleton`] refuses.
+/// [`ReadError`] with the line, edge or face: a missing file, another extension, more than 64 MiB, invalid text, no
+/// parts, a node that does not exist, a missing or wrong number of radii or thicknesses, what [`Skeleton`] refuses.
 pub fn read_skeleton(
     path: impl AsRef<Path>,
     radius: Option<f64>,
@@ -68,8 +68,8 @@ pub fn read_skeleton_noted(
     Ok((read_text(path, radius, thickness)?, Vec::new()))
 }
 
-/// Number of struts that approximate a beam of varying radius: a strut has one radius, here wrong by at most 1/16 of the
-/// difference of the ends.
+/// Number of struts that approximate a beam of varying radius: a strut has one radius, here wrong by at most 1/16 of
+/// the difference of the ends.
 const STRUTS_PER_CONE: usize = 8;
 
 /// The beams of a 3MF as struts, and a note for each kind of content that struts cannot represent.

@@ -1,8 +1,8 @@
 //! USD as text (`.usda`): tets of `TetMesh` prims, else the polygons of `Mesh` prims, placed by their transforms.
 //!
 //! A file is one flat layer; composition of layers is refused with the command that flattens it. Invisible prims and
-//! those for guides and proxies are left out. Meshes and subsets become groups, primvars at points or elements fields, and
-//! `velocities` a field too. Without a frame, values are the default ones, else those of the first time sample.
+//! those for guides and proxies are left out. Meshes and subsets become groups, primvars at points or elements fields,
+//! and `velocities` a field too. Without a frame, values are the default ones, else those of the first time sample.
 //! Lengths are as in the file; a note states its unit.
 //!
 //! The text is parsed here: the library of the format in Rust is as large as this crate.

@@ -19,8 +19,8 @@ use crate::leaf_source::LeafSource;
 use druse_geometry::frame::{Coord, Vec3};
 use druse_geometry::progress::Cancelled;
 
-/// Loss of a channel's radius at voxels that may lie beside its axis (0.87, half the diagonal) and between the distances
-/// there (0.5), rounded up, voxels.
+/// Loss of a channel's radius at voxels that may lie beside its axis (0.87, half the diagonal) and between the
+/// distances there (0.5), rounded up, voxels.
 const SAMPLING_LOSS: f64 = 1.5;
 
 /// What is to be drained.

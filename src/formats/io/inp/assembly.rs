@@ -282,8 +282,8 @@ impl Assembly {
         // A set may name other sets, which may name further ones; each is visited once.
         while let Some(scoped) = pending.pop() {
             for (instance, set) in &scoped.sets {
-                // Without an instance, numbers refer to elements of the assembly itself, or else to those outside parts:
-                // the last model without a name.
+                // Without an instance, numbers refer to elements of the assembly itself, or else to those outside
+                // parts: the last model without a name.
                 let placed = instance.map_or_else(
                     || models.iter().rev().find(|p| p.name.is_none()),
                     |i| models.get(i),
