@@ -168,11 +168,11 @@ mod tests {
     #[test]
     fn parts_equal_those_of_a_flood_fill() {
         let mut state = 1u32;
-        for density in [20, 40, 60, 80] {
+        for density_in_128ths in [20, 40, 60, 80] {
             let mut set = [0; 8];
             for n in 0..512 {
                 state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                if state >> 16 & 127 < density {
+                if state >> 16 & 127 < density_in_128ths {
                     insert(&mut set, n);
                 }
             }
@@ -227,10 +227,7 @@ mod tests {
                 let one = pack_face(&face(&here, axis, true), axis);
                 assert_eq!(one, pack_face(&face(&there, axis, false), axis));
                 assert_eq!(one.count_ones(), 1);
-                assert!(
-                    seen[axis] & one == 0,
-                    "each voxel contains a bit of its own"
-                );
+                assert!(seen[axis] & one == 0, "each voxel has a bit of its own");
                 seen[axis] |= one;
             }
         }

@@ -471,7 +471,7 @@ mod tests {
             let mut zip = zip::ZipWriter::new(&mut file);
             zip.start_file("one", zip::write::SimpleFileOptions::default())?;
             for n in 0..100_000u32 {
-                zip.write_all(&n.wrapping_mul(2_654_435_761).to_le_bytes())?;
+                zip.write_all(&n.wrapping_mul(2_654_435_761).to_le_bytes())?; // hard to compress
             }
             zip.finish()?;
             Ok(())

@@ -95,7 +95,7 @@ mod tests {
     #[test]
     fn the_total_unpacked_size_is_limited() {
         let path = Path::new("a.3mf");
-        let allowance = Allowance::new(path, 5 << 20);
+        let allowance = Allowance::new(path, 5 << 20); // for 320 MiB
         assert!(allowance.take("a", 300 << 20).is_ok());
         let e = allowance.take("b", 21 << 20).unwrap_err().to_string();
         assert!(
