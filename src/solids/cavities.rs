@@ -168,12 +168,14 @@ struct Growth {
     members: Vec<Vec<u32>>,
     /// The deepest basin of a component, by its representative.
     deepest: Vec<u32>,
+    /// [`OUTSIDE`] or the cavity of each basin, or [`UNOWNED`].
     owner: Vec<u32>,
     /// Level and place at which each cavity meets the outside, and its deepest basin.
     throats: Vec<(f32, Option<Coord>, u32)>,
 }
 
 impl Growth {
+    /// Each basin by itself; the first one is the outside.
     fn new(basins: Vec<Basin>) -> Self {
         let count = basins.len();
         let mut owner = vec![UNOWNED; count];

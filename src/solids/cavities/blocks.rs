@@ -167,6 +167,7 @@ enum FacePart<'a> {
 }
 
 impl FacePart<'_> {
+    /// The part at leaf `n` of a face, in order of the two other axes.
     fn of(face: &Face, n: usize) -> FacePart<'_> {
         match face {
             Face::Solid => FacePart::Solid,
