@@ -17,10 +17,10 @@ use std::sync::{Arc, Mutex};
 /// The files of a script, relative to a directory; it records loaded and saved files.
 pub struct DiskFiles {
     directory: PathBuf,
-    saves: bool,
+    saves: bool, // whether `save` steps write files
     /// Whether the steps come from the user's keyboard now, not from a file.
     is_by_hand: AtomicBool,
-    saved: Mutex<Vec<(PathBuf, u64)>>,
+    saved: Mutex<Vec<(PathBuf, u64)>>, // with their sizes in bytes
     loaded: Mutex<Vec<PathBuf>>,
 }
 

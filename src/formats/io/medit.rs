@@ -42,7 +42,7 @@ struct File<'a> {
     input: Input,
     collector: Collector<'a>,
     dimension: Option<u64>,
-    points: u64,
+    points: u64, // number so far, as that of elements
     elements: u64,
 }
 

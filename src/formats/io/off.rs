@@ -15,7 +15,7 @@ use druse_geometry::frame::{Vec3, is_in_range};
 struct Lines {
     source: Source,
     numbers: Vec<f64>,
-    at: usize,
+    at: usize, // index of the first unread number
 }
 
 impl Lines {

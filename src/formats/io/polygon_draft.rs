@@ -16,7 +16,7 @@ use std::path::Path;
 pub(super) struct Draft {
     pub vertices: Vec<Vec3>,
     pub faces: Faces,
-    pub groups: Vec<u32>,
+    pub groups: Vec<u32>, // of each face
     /// The line of each face, from 1; empty when there are no lines.
     pub lines: Vec<u64>,
     /// The first index of the format: 1 in OBJ, 0 in DLFL.

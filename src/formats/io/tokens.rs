@@ -25,7 +25,7 @@ pub(super) struct Tokens {
     /// Begins a comment up to the end of its line.
     pub comment: Option<char>,
     line: String,
-    at: usize,
+    at: usize, // where the unread part of the line begins
 }
 
 impl Tokens {

@@ -42,7 +42,7 @@ pub(super) struct Instance {
 #[derive(Default)]
 struct AssemblySet {
     name: String,
-    sets: Vec<(Option<usize>, Set)>,
+    sets: Vec<(Option<usize>, Set)>, // `None` for the assembly itself
 }
 
 /// The content of a deck.

@@ -22,7 +22,7 @@ struct Field {
     name: String,
     at: FieldAt,
     components: usize,
-    time: f64,
+    time: f64, // of the last step read
     step: i64,
     /// The number of time steps read.
     steps: usize,

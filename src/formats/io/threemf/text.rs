@@ -62,7 +62,7 @@ struct Utf16Reader<R> {
     /// The bytes of an incomplete unit or surrogate pair.
     pending_bytes: Vec<u8>,
     text: Vec<u8>,
-    at: usize,
+    at: usize, // where unread text begins
 }
 
 impl<R: Read> Utf16Reader<R> {

@@ -32,7 +32,7 @@ struct Build {
     unit: LengthUnit,
     /// The number of vertices, triangles and beams in the models read so far.
     file_size: usize,
-    visits: usize,
+    visits: usize, // references followed so far
     vertices: Vec<Vec3>,
     triangles: Vec<[u32; 3]>,
     beams: Vec<BeamPart>,
@@ -40,7 +40,7 @@ struct Build {
     left_out: BTreeMap<String, Vec<u32>>,
     /// Remarks, sorted and without repetition.
     notes: BTreeSet<String>,
-    short_beams: usize,
+    short_beams: usize, // left out
     /// The chain of objects being placed, outermost first.
     path: Vec<(String, u32)>,
 }

@@ -111,7 +111,7 @@ struct Text<'a> {
     path: &'a Path,
     bytes: &'a [u8],
     at: usize,
-    line: u64,
+    line: u64, // from 1
 }
 
 impl Text<'_> {

@@ -16,7 +16,7 @@ pub(super) type Damage = String;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Format {
     pub big_endian: bool,
-    header: Scalar,
+    header: Scalar, // of the sizes before the data
     zlib: bool,
     /// Whether the root element has been read.
     pub known: bool,
@@ -35,7 +35,7 @@ impl Default for Format {
 
 /// The appended data section.
 pub(super) struct Appended<'a> {
-    base64: bool,
+    base64: bool, // else raw bytes
     data: &'a [u8],
 }
 
