@@ -106,11 +106,11 @@ const ERROR_BINS: usize = 1000;
 struct LeafCounts {
     active: u64,
     not_finite: u64,
-    beyond: u64,
-    off: u64,
-    measured: u64,
+    beyond: u64,   // active voxels beyond the band
+    off: u64,      // inactive voxels off the background
+    measured: u64, // voxels with a slope
     far_off: u64,
-    squares: f64,
+    squares: f64, // of |grad| - 1
 }
 
 impl AddAssign for LeafCounts {

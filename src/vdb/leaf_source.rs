@@ -17,7 +17,7 @@ pub(super) struct MemorySource<'a> {
     leaves: BTreeMap<Coord, Vec<usize>>,
     /// Tiles of at most a block.
     tiles: BTreeMap<Coord, Vec<(Coord, i32)>>,
-    large_tiles: Vec<(Coord, i32)>,
+    large_tiles: Vec<(Coord, i32)>, // origins and edges
 }
 
 impl<'a> MemorySource<'a> {

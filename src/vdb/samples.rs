@@ -140,5 +140,5 @@ pub(super) struct Hit {
     pub position: Vec3f,
     pub normal: Vec3f,
     pub on_cut: bool,
-    pub lit: bool,
+    pub lit: bool, // by the key light
 }

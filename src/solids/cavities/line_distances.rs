@@ -10,7 +10,7 @@ const NO_ROW: Row = [f32::INFINITY; 8]; // squares without any point
 /// Rows by leaf, in a box of leaves; most leaves have none.
 pub(super) struct LeafRows {
     sides: [usize; 3],
-    numbers: Vec<u32>,
+    numbers: Vec<u32>, // places in `leaves`, or `NO_LEAF`
     leaves: Vec<Rows>,
 }
 
