@@ -36,7 +36,7 @@ class CoarseCopy {
     }
     make_unique(all);
     for (const Coord& origin : all) {
-      auto out = std::make_unique<Leaf>(origin, grid_->background(), false);
+      auto out = std::make_unique<Leaf>(origin, grid_->background(), /*active=*/false);
       const Coord first(origin.x() * step_, origin.y() * step_, origin.z() * step_);
       const auto tile_value = tiles_from(first);
       for (int n = 0; n < step_ * step_ * step_; ++n) {

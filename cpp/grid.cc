@@ -150,7 +150,7 @@ void grid_scale_values(Grid& handle, float factor, float shift, const Host& host
 std::unique_ptr<Block> block_new(std::int32_t x, std::int32_t y, std::int32_t z, float background) {
   const Coord origin(x, y, z);
   if ((origin & ~127) != origin) throw std::invalid_argument("block origin is not a multiple of 128");
-  auto node = std::make_unique<Node1>(origin, background, false);
+  auto node = std::make_unique<Node1>(origin, background, /*active=*/false);
   return std::make_unique<Block>(std::make_unique<Block::Impl>(Block::Impl{std::move(node), background}));
 }
 
@@ -168,7 +168,7 @@ void block_add_leaves(Block& block, rust::Slice<const std::int32_t> origins, rus
       throw std::out_of_range("leaf at (" + std::to_string(origin[0]) + ", " + std::to_string(origin[1]) + ", " +
                               std::to_string(origin[2]) + ") is not in its block");
     if (node.probeLeaf(origin)) throw std::invalid_argument("a leaf was given twice");
-    auto leaf = std::make_unique<Leaf>(PartialCreate(), origin, block.impl->background, false);
+    auto leaf = std::make_unique<Leaf>(PartialCreate(), origin, block.impl->background, /*active=*/false);
     leaf->allocate();
     std::memcpy(leaf->buffer().data(), values.data() + 512 * n, 512 * sizeof(float));
     Leaf::NodeMaskType mask;
@@ -183,7 +183,7 @@ void grid_attach(Grid& handle, std::unique_ptr<Block> block) {
   const Coord origin = block->impl->node->origin();
   auto* upper = root.probeNode<Node2>(origin);
   if (!upper) {
-    upper = new Node2(origin & ~4095, root.background(), false);
+    upper = new Node2(origin & ~4095, root.background(), /*active=*/false);
     root.addChild(upper);
   }
   if (upper->probeNode<Node1>(origin)) throw std::invalid_argument("a block was attached twice");

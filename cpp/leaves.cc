@@ -71,7 +71,7 @@ std::unique_ptr<Grid> grid_attribute(const Grid& shape, std::size_t components, 
     using LeafType = typename GridType::TreeType::LeafNodeType;
     std::size_t next = 0;
     for (const auto& entry : table->impl->leaves) {
-      auto leaf = std::make_unique<LeafType>(entry.origin, grid->background(), false);
+      auto leaf = std::make_unique<LeafType>(entry.origin, grid->background(), /*active=*/false);
       bool any = false;
       for (Index n = 0; n < LeafType::SIZE; ++n) {
         if (!entry.mask->isOn(n)) continue;
@@ -146,7 +146,7 @@ void grid_edit(Grid& handle, rust::Slice<const std::int32_t> origins, rust::Slic
   }
   for (std::size_t n = 0; n + 4 <= tiles.size(); n += 4) {
     const Index level = tiles[n + 3] == 8 ? 1 : tiles[n + 3] == 128 ? 2 : 3;
-    tree.addTile(level, Coord(tiles[n], tiles[n + 1], tiles[n + 2]), fill, false);
+    tree.addTile(level, Coord(tiles[n], tiles[n + 1], tiles[n + 2]), fill, /*active=*/false);
   }
   in_arena(host, [&] { tools::pruneLevelSet(tree); });
 }

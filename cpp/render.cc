@@ -68,7 +68,7 @@ class Tracer {
       if ((cell(at) ? value() : access_.getValue(base_)) < 0) {
         Vec3d normal(0);
         normal[cut_axis_] = cut_side_;
-        return store(out, eye + direction * start, normal, start, true);
+        return store(out, eye + direction * start, normal, start, /*on_cut=*/true);
       }
     }
     Hit found;
@@ -77,7 +77,7 @@ class Tracer {
       normal.normalize();
       if (normal.dot(direction) > 0) normal = -normal;
       const double depth = found.time * voxel_;
-      store(out, eye + direction * depth, normal, depth, false);
+      store(out, eye + direction * depth, normal, depth, /*on_cut=*/false);
     }
   }
 

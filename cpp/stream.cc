@@ -126,11 +126,11 @@ std::unique_ptr<typename TreeType::RootNodeType::ChildNodeType::ChildNodeType> m
   if (masks.size() != 8 * count || (!values.empty() && values.size() != kFloats * count))
     throw std::invalid_argument("leaf slices disagree");
   if (count == 0) throw std::invalid_argument("a block without leaves");
-  auto node = std::make_unique<BlockType>(Coord(origins[0], origins[1], origins[2]), outside, false);
+  auto node = std::make_unique<BlockType>(Coord(origins[0], origins[1], origins[2]), outside, /*active=*/false);
   for (std::size_t n = 0; n < count; ++n) {
     const Coord at(origins[3 * n], origins[3 * n + 1], origins[3 * n + 2]);
     if ((at & ~127) != node->origin() || (at & ~7) != at) throw std::out_of_range("a leaf is not in its block");
-    auto leaf = std::make_unique<LeafType>(PartialCreate(), at, outside, false);
+    auto leaf = std::make_unique<LeafType>(PartialCreate(), at, outside, /*active=*/false);
     if (!values.empty()) {
       leaf->allocate();
       std::memcpy(leaf->buffer().data(), values.data() + kFloats * n, kFloats * sizeof(float));
@@ -175,7 +175,7 @@ std::unique_ptr<Stream> stream_open(const FileOut& out, std::int32_t file, std::
     s.archive.setCompression(compression);
     io::setStreamMetadataPtr(s.os, s.metadata, /*transfer=*/false);
     io::setDataCompression(s.os, compression);
-    io::setWriteGridStatsMetadata(s.os, true);
+    io::setWriteGridStatsMetadata(s.os, /*writeGridStats=*/true);
     s.archive.header(s.os);
     out.impl->metadata.writeMeta(s.os);
     s.put(std::int32_t(s.grids.size()));
