@@ -215,7 +215,7 @@ impl File {
         let mut bytes = vec![0; count * scalar.size()];
         self.tokens.source.exact(&mut bytes, "numbers")?;
         let numbers = bytes.chunks_exact(scalar.size());
-        Ok(numbers.map(|b| scalar.real(b, true)).collect())
+        Ok(numbers.map(|b| scalar.real(b, true)).collect()) // big-endian
     }
 
     /// So many numbers of a type as integers.
@@ -227,7 +227,7 @@ impl File {
         let mut bytes = vec![0; count * scalar.size()];
         self.tokens.source.exact(&mut bytes, "whole numbers")?;
         let numbers = bytes.chunks_exact(scalar.size());
-        Ok(numbers.map(|b| scalar.whole(b, true)).collect())
+        Ok(numbers.map(|b| scalar.whole(b, true)).collect()) // big-endian
     }
 
     /// Reads the points, numbered from 0 in the collector, and returns their coordinates too.
