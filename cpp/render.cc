@@ -26,7 +26,7 @@ constexpr std::size_t kRayValues = 6;
 constexpr double kStepShare = 0.9, kMinStep = 0.35;
 // Greatest distance of a point from the nearest voxel centre, sqrt(3) / 2, rounded up.
 constexpr double kCentreDistance = 0.87;
-// Distance from the surface at which the way to the light begins, so that it does not meet the surface at once.
+// Distance from the surface, voxels, at which the way to the light begins, so that it does not meet it at once.
 constexpr double kShadowStart = 1.5;
 // Greatest number of steps to refine a zero.
 constexpr int kRootSteps = 4;
@@ -280,7 +280,7 @@ void for_each_sample(const FloatGrid& grid, const Camera& camera, rust::Slice<co
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, 4096), [&](const auto& range) {
       Tracer tracer(grid, box, camera);  // large: one for 4096 samples
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
-        if (n % 1024 == 0 && interrupter.wasInterrupted()) return;  // now and then
+        if (n % 1024 == 0 && interrupter.wasInterrupted()) return;  // a check reads the clock
         const std::size_t at = samples.empty() ? n : samples[n];
         visit(tracer, at % camera.columns, at / camera.columns, hits.data() + kRayValues * n);
       }
