@@ -117,12 +117,14 @@ fn rows(
     number: impl Fn(usize, &str) -> Option<f64>,
 ) -> Result<Vec<(u64, Vec<f64>)>, ReadError> {
     let mut lines = lines(text);
-    let header = lines.next().map_or("", |(_, l)| l.trim());
+    let (header_line, header) = lines
+        .next()
+        .map_or((1, ""), |(n, l)| (n as u64 + 1, l.trim()));
     let header_names = words(header);
     let bad_header = |expected: String| {
         Err(ReadError::data(
             path,
-            Place::Line(1),
+            Place::Line(header_line),
             quote(header),
             expected,
         ))
@@ -174,6 +176,8 @@ mod tests {
             let e = read_columns(path, &format!("x,y,z\n1,{word},2\n"), &["x", "y", "z"]);
             assert!(e.unwrap_err().to_string().contains("line 2"), "{word}");
         }
+        let e = read_columns(path, "\n\nx,y\n", &["x", "y", "z"]).unwrap_err();
+        assert!(e.to_string().contains("line 3"), "{e}");
     }
 
     #[test]

@@ -21,7 +21,8 @@ pub(super) struct Allowance {
 
 impl Allowance {
     /// The expectation in errors about the limit.
-    pub const EXPECTED_SIZE: &str = "at most 64 times the file's size in all";
+    pub const EXPECTED_SIZE: &str =
+        "at most 64 times the file's size in all, or 64 MiB where that is more";
 
     /// The allowance of a file of `packed` bytes.
     pub fn new(path: &Path, packed: u64) -> Self {

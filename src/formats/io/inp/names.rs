@@ -28,6 +28,7 @@ const READ_KEYWORDS: &[&str] = &[
     "PART",
     "ENDPART",
     "ASSEMBLY",
+    "ENDASSEMBLY",
     "INSTANCE",
     "ENDINSTANCE",
     "INCLUDE",
@@ -103,6 +104,7 @@ mod tests {
             "ELSETS",
             "NOD",
             "INSTANCES",
+            "ENDASEMBLY",
         ] {
             assert!(
                 matches!(classify(name), UnreadKeyword::Misspelled(_)),
