@@ -56,6 +56,8 @@ pub struct Estimate {
 
 /// Greatest number of voxels in the box of a sampling, so that a prediction takes a few seconds.
 const MAX_SAMPLING_VOXELS: f64 = 1.5e8;
+/// Active voxels of a leaf with a band of the usual width, about.
+const VOXELS_PER_LEAF: f64 = 220.0;
 
 /// Counts of a sampled or extrapolated band: blocks of 128^3 voxels, leaves and active voxels.
 #[derive(Clone, Copy)]
@@ -135,12 +137,12 @@ pub(super) fn shortage_error(
 /// Bytes of all outputs of a run in bricks with leaf files of `leaf_bytes`, and of their temporary
 /// files.
 pub(super) fn disk(inputs: &Inputs, leaf_bytes: u64) -> u64 {
-    // A leaf has about 220 active voxels, of 4 bytes each in the file beside its fixed part.
-    let active = leaf_bytes as f64 / (4.0 + rates::LEAF_FILE_BYTES / 220.0);
+    // In the file an active voxel has 4 bytes, beside the fixed part of its leaf.
+    let active = leaf_bytes as f64 / (4.0 + rates::LEAF_FILE_BYTES / VOXELS_PER_LEAF);
     let counts = Counts {
         // How much of its box the solid fills is unknown: decks are left out.
         extent_blocks: 0.0,
-        ..Counts::new(inputs, active, active / 220.0)
+        ..Counts::new(inputs, active, active / VOXELS_PER_LEAF)
     };
     let outputs = inputs.recipe.sections().output.iter();
     // Binary STL and beams need no buffer.

@@ -51,7 +51,7 @@ pub enum GradeRule {
 /// How a part is graded.
 #[derive(Clone, Debug)]
 pub struct GradeOptions {
-    /// Results: .frd of `CalculiX`, or .vtu.
+    /// Results: .frd of `CalculiX`, .vtu or .vtk.
     pub results: PathBuf,
     /// The field: a stress (six or nine numbers) or an energy density (one number).
     pub field: String,

@@ -28,7 +28,7 @@ pub struct CellPeriod {
     pub name: String,
     /// The repeating part of the structure.
     pub period: Period,
-    /// Target volume fraction of round beams.
+    /// Target volume fraction of round beams; `None` without one, and for a fitted cell, which has its level.
     pub volume_fraction: Option<f64>,
     /// Warnings of the cell.
     pub warnings: Vec<Warning>,

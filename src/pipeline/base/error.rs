@@ -77,10 +77,10 @@ pub enum RunError {
         /// The cause.
         fault: CellFault,
     },
-    /// The scaffold cannot be tiled.
+    /// The scaffold is invalid or cannot be made.
     #[error("scaffold: {message}")]
     Scaffold {
-        /// Its file.
+        /// Its file; `None` where no file holds it.
         file: Option<PathBuf>,
         /// The element at fault, in the file's numbering.
         element: Option<u64>,
@@ -168,7 +168,7 @@ pub enum RunError {
         needed: u64,
         /// Memory that the run may use, bytes.
         budget: u64,
-        /// Largest edge that fits, blocks.
+        /// Largest edge that fits, blocks; `None` if none does.
         fitting: Option<u32>,
     },
     /// Bricks of the requested size with their halo span more voxels than one part may have.
@@ -232,7 +232,7 @@ pub enum RunError {
         /// What is wrong.
         message: String,
     },
-    /// A step that the printer needs cannot be done.
+    /// A step is refused: channels, layers of a build, or the check of a surface that is torn.
     #[error("{stage}: {message}")]
     Refused {
         /// Its key, as in `op.2.drain`.

@@ -36,8 +36,8 @@ pub(crate) fn intersection<'a>(
     }
     Box::new(ExactIntersection {
         pair: [a, b],
-        // One of the two surfaces of a wall is the solid's own surface.
-        // Edges are those of the surfaces at `level`: a solid that shrinks later has the edges of the shrunk solid.
+        // Edges are those of the surfaces at `level`: a solid that shrinks later has the edges of the shrunk solid. Of a
+        // wall one of the two surfaces is the solid's own.
         level: offsets.half_wall.map_or(offsets.distance.min(0.0), |_| 0.0),
         reach,
     })

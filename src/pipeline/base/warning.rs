@@ -15,9 +15,9 @@ pub struct Warning {
 impl Warning {
     /// W101: the boxes of two inputs differ more than a hundredfold.
     pub const UNITS: &'static str = "W101";
-    /// W102: walls thinner than two voxels.
+    /// W102: walls thinner than two voxels, or beams of a homogenised period thinner than three.
     pub const THIN_WALLS: &'static str = "W102";
-    /// W103: a mesh with defects that were repaired.
+    /// W103: a mesh with defects that were repaired, notes on a crystal's steps, or a graph that is read in part.
     pub const MESH: &'static str = "W103";
     /// W104: a cell that fits its source badly.
     pub const CELL: &'static str = "W104";
@@ -43,14 +43,15 @@ impl Warning {
     pub const CONTINUITY: &'static str = "W114";
     /// W130: a phase of a period that is disconnected, or percolates along no axis.
     pub const DISCONNECTED: &'static str = "W130";
-    /// W115: a thickness that no level of a cell gives; the nearest level is used.
+    /// W115: a thickness that no level of a cell gives, where the nearest is used, or that half of the walls miss.
     pub const THICKNESS: &'static str = "W115";
     /// W116: a graph that stays fitted although a thickness in units of length is requested.
     pub const SECTION: &'static str = "W116";
     /// W117: a grid of a file that deviates from its format, and how it was interpreted.
     pub const GRID: &'static str = "W117";
-    /// W118: elements of a finite-element deck that are left out, since they share no face with the rest.
+    /// W118: what a finite-element deck leaves out: elements that share no face with the rest, or what homogenised cells
+    /// do not represent.
     pub const DECK: &'static str = "W118";
-    /// W119: a filled mesh that its scaffold does not follow.
+    /// W119: a filled mesh that its scaffold does not follow, or thin tets.
     pub const FILLING: &'static str = "W119";
 }

@@ -60,12 +60,12 @@ pub(crate) fn triangles_to_count(mesh: &TriMesh, count: usize) -> Result<Vec<[u3
     if mesh.is_empty() {
         return Ok(Vec::new());
     }
-    // meshoptimizer reads three floats per vertex: a stride of 12 bytes from offset 0. The error 1.0, relative to
-    // the box, sets no limit.
     // Coordinates relative to the centre of the box, so that single precision suffices.
     let centre = mesh.vertex_bounds().centre().0;
     let position = |v: &Vec3| (v - centre).map(|c| c as f32).into();
     let positions: Vec<[f32; 3]> = mesh.vertices().iter().map(position).collect();
+    // meshoptimizer reads three floats per vertex: a stride of 12 bytes from offset 0. The error 1.0, relative to
+    // the box, sets no limit.
     let data = VertexDataAdapter::new(typed_to_bytes(&positions), 12, 0);
     let data = data.map_err(|e| RunError::Decimate(e.to_string()))?;
     let indices = mesh.triangles().as_flattened();

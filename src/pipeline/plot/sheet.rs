@@ -12,8 +12,7 @@ pub fn contact_sheet_columns(pictures: usize) -> usize {
     (pictures as f64).sqrt().ceil().max(1.0) as usize
 }
 
-/// Arranges pictures of one size, each with its caption, in rows of [`contact_sheet_columns`], each above its
-/// caption. Long captions are cut.
+/// Arranges pictures of one size in rows of [`contact_sheet_columns`], each above its caption. Long captions are cut.
 pub fn contact_sheet(pictures: &[(String, Image)]) -> Image {
     let columns = contact_sheet_columns(pictures.len());
     let rows = pictures.len().div_ceil(columns);
