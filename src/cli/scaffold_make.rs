@@ -11,7 +11,7 @@ use crate::recipe::{Size, is_cad};
 use crate::scaffold::{FillOptions, Scaffold};
 use std::path::Path;
 
-/// What is made.
+/// The flags of `druse scaffold make`; without an `order` tets of a part of CAD are curved, others where the surface is.
 pub(super) struct Made<'a> {
     pub part: &'a Path,
     pub output: &'a Path,

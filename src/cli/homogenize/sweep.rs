@@ -199,7 +199,7 @@ fn table(lines: &[Line]) -> String {
     text
 }
 
-/// The curves of the picture: properties relative to those of the solid and to the bounds.
+/// The curves of the picture, relative to the solid's and to bounds: numbers of columns and the units that divide them.
 fn curves(lines: &[Line], p: &Parameters, settings: &Settings) -> Vec<SweepCurve> {
     let (young, kappa) = (p.young.unwrap_or(1.0), settings.kappa);
     let shown = [

@@ -40,7 +40,7 @@ const POLICY: &str = "<meta http-equiv=\"Content-Security-Policy\" content=\"def
 
 /// Writes the page of a scene; returns its size.
 pub(super) fn write(path: &Path, title: &str, scene: &Scene) -> Result<u64, Failure> {
-    let encoded = describe(scene, title, Compression::new(7));
+    let encoded = describe(scene, title, Compression::new(7)); // of 9: the file is made once and kept
     let (about, numbers) = encoded.map_err(|e| Failure::data(path, e.to_string()))?;
     // No tag can end the script that holds the JSON.
     let about = about.to_string().replace('<', "\\u003c");
