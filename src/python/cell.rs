@@ -47,7 +47,7 @@ impl Cell {
 
 #[pymethods]
 impl Cell {
-    /// The cell of a recipe's section; `source` is a file, a name or a formula. Also returns warnings.
+    /// The cell of a section with the TOML text `keys`, and warnings; a `source` is a file, a name or a formula.
     #[staticmethod]
     #[pyo3(signature = (name, source, keys, progress=None))]
     fn make(

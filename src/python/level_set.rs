@@ -252,7 +252,7 @@ impl LevelSet {
         })
     }
 
-    /// The same solid on the voxels of another lattice.
+    /// The same solid on voxels with (0, 0, 0) at `origin`, world units; `half_width` is in voxels.
     fn resampled(
         &self,
         py: Python<'_>,
@@ -376,7 +376,7 @@ impl LevelSet {
         })
     }
 
-    /// Combines with another level set, which is consumed.
+    /// Combines with another level set, which is consumed; an `operation` that is not below is a subtraction.
     #[pyo3(signature = (operation, other, progress=None))]
     fn combine(
         &self,

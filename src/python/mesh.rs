@@ -104,7 +104,7 @@ impl Mesh {
         Ok(PyArray1::from_vec(py, found))
     }
 
-    /// The level set of the solid, and notes on repairs.
+    /// The level set of the solid, and notes on repairs; `half_width` is in voxels.
     #[pyo3(signature = (voxel_size, half_width, progress=None))]
     fn level_set(
         &self,

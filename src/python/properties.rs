@@ -170,7 +170,7 @@ pub(crate) fn homogenize(
 /// Designs the cell that a recipe section with a target describes.
 ///
 /// The cell keeps the traces on the faces of `matched_cells`. `earlier` is a cell of an earlier search, which
-/// continues. The cell is also written to the .cell file `save`.
+/// continues. The cell is also written to the .cell file `save`, if one is given.
 ///
 /// # Errors
 /// Invalid arguments, a search without a connected cell, a file that cannot be written, and any exception of `progress`

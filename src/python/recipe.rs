@@ -59,7 +59,7 @@ impl Recipe {
         Ok(document.to_string())
     }
 
-    /// Runs the recipe; returns the report as JSON, and the level set unless the run went through bricks.
+    /// Runs the recipe; returns the report as JSON, and the level set unless the run used bricks or sampled nothing.
     #[pyo3(signature = (program, out, memory, strict, brief, progress=None))]
     #[allow(clippy::too_many_arguments)] // Each is an argument of the Python function.
     fn run(
