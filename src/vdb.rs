@@ -307,7 +307,7 @@ impl LevelSet {
             .fold(first, |bounds, l| self.extended(bounds, &l)))
     }
 
-    /// As [`LevelSet::bounds`], on several threads.
+    /// As [`LevelSet::bounds`], on several threads; 64 leaves at least are one task, as most take a single check.
     pub(crate) fn parallel_bounds(&self, threads: &Threads) -> Result<Aabb, VdbError> {
         let leaves = self.leaves()?;
         Ok(threads.install(|| {
@@ -322,7 +322,7 @@ impl LevelSet {
         }))
     }
 
-    /// Bounds of the solid in the outermost leaf at each end of each axis. Few leaves extend them.
+    /// Bounds of the solid in the outermost leaf at each end (lower, upper) of each axis. Few leaves extend them.
     fn bounds_at_ends(&self, leaves: &Leaves<'_>) -> Aabb {
         (0..6).fold(Aabb::EMPTY, |bounds, end| {
             let (axis, sign) = (end / 2, [1, -1][end % 2]);

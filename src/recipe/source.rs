@@ -153,7 +153,7 @@ impl Source {
         }
     }
 
-    /// First virtual position of override `n`; each spans one more than its length.
+    /// First virtual position of override `n`, behind the text; text and overrides span one more than their lengths.
     fn override_start(&self, n: usize) -> usize {
         self.text.len()
             + 1
