@@ -196,7 +196,7 @@ impl Tiling {
                     "volume_fraction" => GradedQuantity::VolumeFraction,
                     _ => GradedQuantity::Thickness,
                 };
-                let (cell, table) = (&cells[0][0].cell, &*members[0][0]);
+                let (cell, table) = (&cells[0][0].cell, &*members[0][0]); // the only member
                 level_shifts(&scaffold, cell, table, quantity, values)
             });
             let tiling = Self {

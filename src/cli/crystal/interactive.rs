@@ -53,7 +53,7 @@ pub(super) fn run_session(
     }
 }
 
-/// The reply to a line; `None` ends the session. `undo` with a word that is no number is run as a step, which fails.
+/// The reply to a line; `None` ends the session. `undo x` and `redo x` without a number x run as steps, which fail.
 fn reply(
     text: &str,
     interpreter: &mut Interpreter,

@@ -205,7 +205,7 @@ impl<'a> InputFiles<'a> {
         SolidFile { file: read, beams }: SolidFile,
     ) -> Result<(MeshSolid, Option<LatticeSolid>), RunError> {
         let path = self.recipe.resolve(&file.path);
-        // The recipe's word on the unit counts before that of the file.
+        // The recipe's word on the unit counts before that of the file; without both, it is the recipe's own unit.
         let unit = file.unit.map(|u| u.0).or(read.unit);
         let recipe = self.recipe.unit();
         let mesh = mapped_mesh(&read.mesh, file, unit, recipe);

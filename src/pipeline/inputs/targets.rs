@@ -58,7 +58,7 @@ fn target(table: &TargetTable) -> Result<Target, CellFault> {
 /// The design that a section with a target describes; `matched` are the cells whose trace on the faces the design keeps.
 ///
 /// # Errors
-/// [`CellFault`]: keys that exclude each other; a start that cannot be read.
+/// [`CellFault`]: keys that exclude or need each other; a start that cannot be read.
 pub fn design(
     name: &str,
     section: &CellSection,
@@ -103,13 +103,14 @@ pub fn design(
     }
     design.voxels = match table.voxels {
         Some(n) => n as usize,
-        // At least four voxels for the shortest wave, and an even number; 1e4 bounds the cast.
-        None => if design.solid == Solid::Sheet {
-            SHEET_VOXELS
-        } else {
-            design.voxels
+        None => {
+            // At least four voxels for the shortest wave, and an even number; 1e4 bounds the cast.
+            let for_waves = (4.0 * design.band_limit / 2.0).ceil().min(1e4) as usize * 2;
+            match design.solid {
+                Solid::Sheet => for_waves.max(SHEET_VOXELS),
+                _ => for_waves.max(design.voxels),
+            }
         }
-        .max((4.0 * design.band_limit / 2.0).ceil().min(1e4) as usize * 2),
     };
     design.seed = section.seed.unwrap_or(0);
     design.start = match &section.start {

@@ -59,8 +59,8 @@ pub(crate) fn measure(
 }
 
 impl BuildReport {
-    /// The report on layers; `origin` is the world position of voxel (0, 0, 0), from which layers are numbered. Heights
-    /// are those of the world along `up`.
+    /// The report on layers; `origin` is the world position of voxel (0, 0, 0), from which layers are numbered. A layer's
+    /// height is that of its lower end in the world, along `up`.
     pub(crate) fn new(request: &BuildRequest, found: &BuildLayers, origin: Vec3) -> Self {
         let base = origin.dot(&request.up);
         let height = |number: i64| base + number as f64 * request.layer_height;
@@ -71,7 +71,6 @@ impl BuildReport {
             let all = (0..layers.len()).map(|n| [value(n), height(layers[n].number)]);
             all.fold([0.0, 0.0], |a, b| if b[0] > a[0] { b } else { a })
         };
-        // Change of the area from the layer before.
         let jump = |n: usize| match n {
             0 => 0.0,
             n => (layers[n].area - layers[n - 1].area).abs(),
