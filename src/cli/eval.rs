@@ -115,7 +115,6 @@ fn csv(cells: &[String], points: &[[f64; 3]], found: &[FieldSample]) -> String {
     for (p, f) in points.iter().zip(found) {
         for (i, v) in row(p, f).into_iter().enumerate() {
             let separator = if i == 0 { "" } else { "," };
-            // Writing to a string cannot fail.
             let _ = if v.is_nan() {
                 write!(text, "{separator}nan")
             } else {

@@ -250,6 +250,7 @@ pub(super) fn usage(error: &clap::Error, json: bool) -> u8 {
     let plain = error.render().to_string();
     let shown = excerpt::short_numbers(&plain);
     let printed = match &shown {
+        // With long numbers cut short, and without the colours that `print` may add.
         Cow::Owned(text) => write!(std::io::stderr(), "{text}"),
         Cow::Borrowed(_) => error.print(),
     };

@@ -49,7 +49,7 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
-/// Designs the cells in turn, the middle one first, and writes each into the folder.
+/// Designs the cells in turn, the middle one first, whose faces the others match, and writes each into the folder.
 ///
 /// # Errors
 /// Invalid arguments, a search without a connected cell, a file that cannot be written, and an interruption.

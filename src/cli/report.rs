@@ -33,7 +33,7 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
-/// Writes the page of a run's report. Any JSON without the keys of a report is refused.
+/// Writes the page of a run's report. Any JSON without the keys of a report is refused: its page would be empty.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     if p.output.extension().is_none_or(|e| e != "html") {
         let found = p.output.display();
@@ -50,7 +50,6 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             format!("found no JSON ({e}); expected the report of a run"),
         )
     })?;
-    // Any other JSON would give an empty page.
     if !(report["druse"].is_string() && report["solid"]["volume"].is_number()) {
         return Err(Failure::data(
             path,

@@ -14,8 +14,9 @@ draw X.png           a picture; any other output (.obj, .dlfl, .stl, .vdb) as we
 help, quit
 Steps may be several on a line (;) and loops may run over lines:";
 
-/// Reads steps and commands until stdin ends or the command `quit`. A step that fails changes nothing. `draw` writes a
-/// mesh and returns the bytes of the file; `intersections` describes where a mesh meets itself, if it does.
+/// Reads steps and commands until stdin ends or the command `quit`; those with open braces go on in the next line. A
+/// step that fails changes nothing. `draw` writes a mesh and returns the bytes of the file; `intersections` describes
+/// where a mesh meets itself, if it does.
 pub(super) fn run_session(
     interpreter: &mut Interpreter,
     session: &Session,

@@ -46,7 +46,7 @@ pub(crate) fn cad_mesh(
     let bytes = std::fs::read(part).map_err(|e| ReadError::io(part, e))?;
     let mut hash = blake3::Hasher::new();
     hash.update(&bytes);
-    hash.update(format!("groups {options:?}").as_bytes());
+    hash.update(format!("groups {options:?}").as_bytes()); // "groups": not the meshes of versions without them
     let folder = cache_folder();
     let mesh = folder.join(format!("{}.msh", hash.finalize().to_hex()));
     if mesh.is_file() {
@@ -64,7 +64,8 @@ pub(crate) fn cad_mesh(
     let source = std::path::absolute(part).map_err(io)?;
     let named = gmsh.with_groups(&source).map_err(|e| e.of(part))?;
     let made = work.path().join("part.msh");
-    // Tets, also of no group, without messages below warnings; 6 elements or more around a full circle.
+    // Tets, also of no group, without messages below warnings; 6 elements or more around a full circle; nodes of higher
+    // order moved where they fold elements.
     let mut command = Command::new("gmsh");
     command
         .arg(named.as_ref().unwrap_or(&source))
