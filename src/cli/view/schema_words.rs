@@ -71,7 +71,7 @@ impl SchemaWords {
         }
         if let Some((first, rest)) = parts.split_first() {
             let property = &node["properties"][*first];
-            // A number is an index of an array; a word is a property, or the name of any entry.
+            // A number is an index of an array, whose entries are alike; a word is a property or the name of any entry.
             let children = if first.parse::<usize>().is_ok() {
                 [&node["items"], &node["prefixItems"][0]]
             } else if property.is_object() {

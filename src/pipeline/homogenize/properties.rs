@@ -290,7 +290,7 @@ pub fn period_warnings(
             let message = format!(
                 "struts of diameter {diameter:.4} are {across:.1} voxels wide; {MIN_VOXELS_PER_DIAMETER} or more resolve \
                  them: a resolution of {}",
-                // The next even number.
+                // The next even number, also above an even one: resolutions are even.
                 needed / 2 * 2 + 2
             );
             warn(Warning::THIN_WALLS, message);
