@@ -1,14 +1,13 @@
 //! Druse turns a unit cell and a scaffold into a narrow-band level set.
 //!
-//! A tour, in order of use: [`symmetry`] (point groups as integer matrices), [`cell`] (a symmetric
-//! Fourier series fitted to geometry), [`scaffold`] (an unstructured mesh with its element maps),
-//! [`tiling`] (cell over scaffold: a field in world space), [`beams`] (struts and plates over a scaffold,
-//! round in world space), [`homogenize`] (effective stiffness, conductivity and permeability of a cell),
-//! [`inverse`] (a cell with target properties), [`band`] (which 8^3 leaves matter, and
-//! their values), [`mesher`] (the band's surface in triangles), [`vdb`] (level sets in OpenVDB),
-//! [`recipe`] and [`pipeline`] (one document from sources to files). [`frame`], [`field`] and [`mesh`]
-//! are what all of them stand on; [`polymesh`] models polygon meshes by scripts, [`sequence`] holds frames of films,
-//! [`io`] reads and writes, [`progress`] reports and cancels. The [`guide`] shows their use by recipes.
+//! A tour, in order of use: [`symmetry`] (point groups as integer matrices), [`cell`] (a symmetric Fourier series
+//! fitted to geometry), [`scaffold`] (an unstructured mesh with its element maps), [`tiling`] (cell over scaffold: a
+//! field in world space), [`beams`] (struts and plates over a scaffold, round in world space), [`homogenize`]
+//! (effective stiffness, conductivity and permeability of a cell), [`inverse`] (a cell with target properties),
+//! [`band`] (which 8^3 leaves matter, and their values), [`mesher`] (the band's surface in triangles), [`vdb`] (level
+//! sets in OpenVDB), [`recipe`] and [`pipeline`] (one document from sources to files). [`frame`], [`field`] and
+//! [`mesh`] are what all of them stand on; [`polymesh`] models polygon meshes by scripts, [`sequence`] holds frames
+//! of films, [`io`] reads and writes, [`progress`] reports and cancels. The [`guide`] shows their use by recipes.
 //!
 //! # Conventions
 //! | what | convention |
