@@ -161,7 +161,7 @@ impl<'a> Mesher<'a> {
     /// The mesh of a whole band, in world units; leaves must be in order of origin.
     ///
     /// # Errors
-    /// [`MesherError`].
+    /// As [`Self::patch`].
     pub fn mesh(
         &self,
         leaves: &[LeafValues],
@@ -176,7 +176,8 @@ impl<'a> Mesher<'a> {
     /// sides; those of upper sides belong to the regions above.
     ///
     /// # Errors
-    /// [`MesherError`].
+    /// [`MesherError::Unsorted`], [`MesherError::OpenSurface`] where a leaf at the surface is missing,
+    /// [`MesherError::Mesh`] for too many vertices, [`MesherError::Cancelled`].
     pub fn patch(
         &self,
         leaves: &[LeafValues],

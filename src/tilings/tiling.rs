@@ -193,7 +193,8 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
     /// Prepares the tiling: slopes of every element, boundary of every component.
     ///
     /// # Errors
-    /// See [`TilingError`].
+    /// [`TilingError::Length`] for a voxel size or a half width that is not positive, [`TilingError::Empty`], and as
+    /// [`Filling::check`].
     pub fn new(
         scaffold: &'a Scaffold,
         filling: &'a F,
@@ -205,7 +206,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
     /// As [`Self::new`], with a filling that the tiling owns.
     ///
     /// # Errors
-    /// See [`TilingError`].
+    /// As [`Self::new`].
     pub fn with_owned_filling(
         scaffold: &'a Scaffold,
         filling: F,

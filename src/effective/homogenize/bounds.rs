@@ -40,8 +40,7 @@ fn both(values: [f64; 2], share: f64, comparison: impl Fn(usize) -> f64) -> [f64
 }
 
 impl Bounds {
-    /// Bounds in space; `share` is the volume fraction of the first material, `conductivities` are of both, in the same
-    /// order.
+    /// Bounds in space; `share` is the volume fraction of the first material, `conductivities` of both in that order.
     pub fn in_space(materials: [Isotropic; 2], conductivities: [f64; 2], share: f64) -> Self {
         let bulk = materials.map(Isotropic::bulk);
         let shear = materials.map(|m| m.mu);

@@ -80,8 +80,7 @@ fn gradient<T: Copy + Into<f64>>(
     let (gx, rest) = out.split_at_mut(nz);
     let (gy, gz) = rest.split_at_mut(nz);
     let gz = &mut gz[..nz];
-    // Each derivative is the difference of the means over opposite faces of the voxel: the sums of `k` and `k
-    // + 1`.
+    // Each derivative is the difference of the means over opposite faces of the voxel: the sums of `k` and `k + 1`.
     for k in 0..nz {
         gx[k] = (sx[k] + sx[k + 1]) * scale[0];
         gy[k] = (sy[k] + sy[k + 1]) * scale[1];

@@ -2,8 +2,7 @@
 //!
 //! Fields are distances: a series over its mean slope. An interface that is wide beside a voxel gives smooth
 //! objectives that see solids before they touch; a narrow one gives those of sharp voxels. Shares are raised to
-//! a power before they become moduli, since a mean of moduli over a wide interface is stiffer than any
-//! microstructure.
+//! a power before they become moduli: a mean of moduli over a wide interface is stiffer than any microstructure.
 
 use druse_cells::cell::Solid;
 use std::f64::consts::PI;

@@ -15,7 +15,6 @@ use druse_geometry::frame::Element;
 const MIN_VOXELS: usize = 8;
 /// Most voxels along the period: a design evaluates its objective some hundred times.
 const MAX_VOXELS: usize = 128;
-/// Most starts.
 const MAX_STARTS: usize = 1000;
 /// Moduli of the void over those of the solid.
 const VOID_SHARE: f64 = 1e-4;
@@ -161,8 +160,8 @@ impl Design {
     /// Checks a design.
     ///
     /// # Errors
-    /// [`InverseError`]: an element without a period, a solid or group that designs do not have, a target beyond its
-    /// bounds, a band beyond the grid's Nyquist frequency, efforts or lengths out of range.
+    /// [`InverseError`]: an element without a period, a solid, group or lattice that designs do not have, a target at
+    /// odds with itself or beyond its bounds, a band beyond the Nyquist frequency, efforts or lengths out of range.
     pub fn prepare(self) -> Result<Prepared, InverseError> {
         if !matches!(self.element, Element::Hex | Element::Tet) {
             return Err(InverseError::Element(self.element.name()));

@@ -24,8 +24,7 @@ const SOLID_DRAG: f64 = 1e4;
 /// Residual at which the flow is known well enough.
 const FLOW_TOLERANCE: f64 = 1e-4;
 
-/// A two-phase medium on a grid, with the solutions that later ones start from: `displacements` by load case, of a
-/// cubic medium by mode.
+/// A two-phase medium on a grid, with solutions that later ones start from: `displacements` by load case or cubic mode.
 pub struct Medium {
     grid: Grid,
     solid: Isotropic,
@@ -64,8 +63,7 @@ impl Needs {
 }
 
 impl Medium {
-    /// A medium of a solid and a void that has a share of its moduli; with `is_cubic` stiffness is cubic and
-    /// conductivity isotropic.
+    /// A medium whose void has a share of the solid's moduli; `is_cubic`: of cubic stiffness, isotropic conductivity.
     pub fn new(grid: Grid, solid: Isotropic, void: f64, is_cubic: bool, control: Control) -> Self {
         Self {
             grid,

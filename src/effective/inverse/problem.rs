@@ -46,8 +46,7 @@ pub struct Problem<'a> {
     pub fraction: f64,
     /// How shares become moduli.
     pub interface: Interface,
-    /// Distances, in periods, by which the surface is moved into the solid before it is evaluated: 0, or about half
-    /// the least feature both ways.
+    /// By how many periods the surface is moved into the solid before it is evaluated: 0, or +- about half a feature.
     pub erosions: Vec<f64>,
     /// Where no solid may be.
     pub tube: Option<Tube>,

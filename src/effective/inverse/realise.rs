@@ -7,9 +7,8 @@ use druse_cells::cell::{Cell, Series};
 
 /// First step of the search for a matched cell's level, periods.
 const FIRST_STEP: f64 = 1e-3;
-/// Most steps of it.
 const MAX_SECANT_STEPS: usize = 30;
-/// Difference of volume fractions at which it ends; beyond the most steps the last level is taken as it is.
+/// Difference of volume fractions at which the search ends; beyond the most steps the last level is taken as it is.
 const FRACTION_TOLERANCE: f64 = 1e-7;
 
 impl Prepared {

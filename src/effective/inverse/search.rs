@@ -111,7 +111,6 @@ impl Prepared {
         }
     }
 
-    /// Whether the cell must meet constraints.
     fn is_constrained(&self) -> bool {
         self.design.min_feature.is_some() || self.design.target.is_constrained()
     }
@@ -396,8 +395,7 @@ impl Prepared {
         evaluated.collect()
     }
 
-    /// Moves goals, bounds of the permeability, barrier and erosion by what sharp voxels miss, and continues; whether
-    /// the user stopped it.
+    /// Moves goals, bounds of flow, barrier and erosion by what sharp voxels miss, and continues; whether stopped.
     fn correct(
         &self,
         all: &mut [Candidate],

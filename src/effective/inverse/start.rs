@@ -161,7 +161,8 @@ pub fn of_cell(
 /// A surface by its name.
 ///
 /// # Errors
-/// [`InverseError::Start`] for an unknown name, and as [`of_cell`].
+/// [`InverseError::Start`] for an unknown name, [`InverseError::Cell`] for a surface that the element cannot have, and
+/// as [`of_cell`].
 pub fn of_surface(
     element: Element,
     sampled: &SampledBasis,
@@ -189,8 +190,7 @@ pub fn known_sheets(element: Element, sampled: &SampledBasis) -> Vec<Start> {
     made.collect()
 }
 
-/// The starts of a design that names none: surfaces, for networks both sides of all but `schwarz_p`, whose sides are
-/// alike, and random ones.
+/// The starts of a design that names none: surfaces, networks on both sides of all but `schwarz_p`, and random ones.
 pub fn of_design(
     element: Element,
     basis: &Basis<3>,

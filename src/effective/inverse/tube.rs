@@ -38,7 +38,6 @@ pub struct Tube {
     points: Vec<(f64, f64)>,
 }
 
-/// The barrier with its derivatives.
 pub(super) struct Barrier {
     pub(super) value: f64,
     /// By the field over its mean slope at every point.
@@ -96,8 +95,7 @@ impl Tube {
         sum
     }
 
-    /// The barrier of a field and a level, both over the mean slope; `direction` is the function that the level
-    /// multiplies.
+    /// The barrier of a field and a level, both over the mean slope; the level multiplies the function `direction`.
     pub(super) fn barrier(&self, field: &[f64], level: f64, direction: &[f64]) -> Barrier {
         let mut own = Barrier {
             value: 0.0,

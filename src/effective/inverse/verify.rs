@@ -29,7 +29,7 @@ const MAX_WIDTH_NODES: usize = 80;
 /// Properties on a grid, of sharp voxels.
 ///
 /// # Errors
-/// [`InverseError`] of the solver, or the user stopped it.
+/// [`InverseError::Homogenize`]: of [`Period::of_cell`], the grid, the band or the solver, or the user stopped it.
 pub fn properties_of(
     cell: &Cell,
     n: usize,
@@ -92,7 +92,7 @@ pub fn ways(cell: &Cell, n: usize) -> Result<(f64, Vec<Way>), InverseError> {
 /// lengths; on `n + 24` nodes or a few more along the period, and at most 80.
 ///
 /// # Errors
-/// [`InverseError`] of an element without a period.
+/// [`InverseError`] of a cell without a period, see [`Period::of_cell`].
 pub fn widths(cell: &Cell, n: usize) -> Result<[f64; 2], InverseError> {
     let n = (n + WIDTH_NODES)
         .next_multiple_of(NODE_MULTIPLE)

@@ -10,8 +10,7 @@
 use super::{LeafBatch, VOXELS};
 use std::cell::RefCell;
 
-/// Greatest number of buffers in a pool: the batches of two slabs, since a slab is complete only after the evaluation of
-/// the next.
+/// Greatest number of buffers in a pool: the batches of two slabs, since a slab is complete only after the next one.
 const MAX_POOLED_BUFFERS: usize = 16;
 
 thread_local! {

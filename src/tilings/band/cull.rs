@@ -203,8 +203,7 @@ impl<'a> Culler<'a> {
         if side == Side::Unknown && edge == LEAF {
             side = self.leaf_side(origin);
         }
-        // Cubes beyond the band end here: outside ones are dropped, inside ones noted as tiles once they fit in a
-        // block.
+        // Cubes beyond the band end here: outside ones are dropped, inside ones are tiles once they fit in a block.
         match side {
             Side::Outside => return,
             Side::Inside if edge <= BLOCK => return cubes.inside.push((origin, edge)),
@@ -294,8 +293,7 @@ impl<'a> Culler<'a> {
         if (0..3).any(|a| self.range[0][a] > self.range[1][a]) {
             return cubes;
         }
-        // The smallest power of two from a block on that covers the range; eight such cubes hold it, wherever it
-        // begins.
+        // The least power of two from a block on that covers the range; eight such cubes hold it, wherever it begins.
         let mut edge = BLOCK;
         while edge < size {
             edge *= 2;
@@ -310,8 +308,7 @@ impl<'a> Culler<'a> {
         cubes
     }
 
-    /// Leaves of a block that may hold active voxels, and its cubes that lie inside. `block` is its origin. Leaves
-    /// ascend.
+    /// Ascending leaves of a block that may hold active voxels, and its cubes that lie inside. `block` is its origin.
     pub fn leaves(&self, block: Coord) -> CubeClassification {
         let mut cubes = CubeClassification::default();
         let side = self.side(block, BLOCK);

@@ -220,8 +220,7 @@ impl LeafStore {
             let entry = groups.entry(node).or_default();
             entry.push((slot(*origin, node), block.ends));
         }
-        // By the rule of `flood`, blocks without leaves have the end state of one before them, or the first one's
-        // start.
+        // By the rule of `flood`, blocks without leaves have the end state of one before, or the first one's start.
         let node_of = |(origin, children): (Coord, Vec<(usize, [bool; 2])>)| {
             let first = children[0].1[0];
             let mut node = UpperNode {

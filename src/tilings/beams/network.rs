@@ -198,7 +198,7 @@ impl Network {
     /// bounds the deviation of segments and triangles from curved parts, world units.
     ///
     /// # Errors
-    /// [`NetworkError`].
+    /// [`NetworkError::Empty`] where no element has a part, [`NetworkError::TooMany`].
     pub fn new(
         scaffold: &Scaffold,
         cells: &[Vec<(Element, ReferenceParts)>],

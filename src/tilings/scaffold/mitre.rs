@@ -7,8 +7,7 @@
 
 use druse_geometry::frame::{Mat3, Vec3};
 
-/// Greatest length of a mitre: that of a crease which turns by 150 degrees, 1 / cos(75 degrees). Longer ones are cut
-/// off.
+/// Greatest length of a mitre: that of a crease which turns by 150 degrees, 1 / cos(75 degrees). Longer ones are cut.
 const MAX_MITRE: f64 = 3.863_703_305_156_273;
 /// Dampings, strongest first, relative to the squares of the normals; the first that leaves walls within
 /// [`WALL_ERROR`] is taken.

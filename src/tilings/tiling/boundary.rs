@@ -102,7 +102,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             .max((-d).min(-known.wanted.lo))
             .min(known.max_boundary_distance * (1.0 + 1e-9));
         match known.closest_within(boundary, x, radius) {
-            // On the boundary, outside within the slack, or inside: the winding number is needed only in the second case.
+            // On the boundary, outside within the slack, or inside: only the second needs the winding number.
             Some(c) if c.distance < self.boundary_tolerance() => d.max(0.0),
             Some(c) if c.distance < slack && !boundary.contains(x) => d.max(c.distance),
             Some(c) => d.max(-c.distance),

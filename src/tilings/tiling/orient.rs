@@ -8,8 +8,7 @@
 //! checked (`search`). Where no turns fit, as around an edge with three hexes, the error names these edges, or the
 //! elements there hold the cell in several turns whose weights make it continue (`mixing`).
 //!
-//! Not promised: where a face leaves a neighbour several different cells that continue equally well, only one is
-//! tried.
+//! Not promised: where a face leaves a neighbour several cells that continue equally well, only one is tried.
 
 mod bad_edges;
 mod mixing;

@@ -166,7 +166,7 @@ pub trait Filling: Send + Sync {
     /// Checks that every element of the scaffold has a cell, and that both sides of every shared face agree.
     ///
     /// # Errors
-    /// [`TilingError`] names the first element that does not.
+    /// [`TilingError`] of the first element or face that does not, and of a cell without slope or blends' weights.
     fn check(&self, scaffold: &Scaffold) -> Result<(), TilingError>;
 
     /// Value (negative inside) and gradient by reference coordinates. Defined beyond the element too.

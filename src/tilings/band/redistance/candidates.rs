@@ -7,8 +7,7 @@
 //!
 //! The right side is at most the cube's edge times the sum of |p - q| over the axes. On a smooth surface only
 //! points near q satisfy this, however far away the cube is.
-// Inlined so that the code is compiled for its caller's target features; closures with SIMD arithmetic would
-// not be.
+// Inlined so that the code is compiled for its caller's target features; closures with SIMD arithmetic would not be.
 #![allow(clippy::inline_always)]
 
 use druse_geometry::simd::{Lanes, SimdKernel, run};

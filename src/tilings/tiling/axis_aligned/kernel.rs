@@ -140,8 +140,7 @@ pub(super) fn scale<L: Lanes, const LIMIT_SMOOTHLY: bool>(
     )
 }
 
-/// Value F, gradient g, its square, and the factor q of the damped Newton step -q g, limited to the longest
-/// step.
+/// Value F, gradient g, its square, and the factor q of the damped Newton step -q g, limited to the longest step.
 #[inline(always)]
 fn newton<L: Lanes, const LIMIT_SMOOTHLY: bool>(
     l: L,
