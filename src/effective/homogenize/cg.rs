@@ -8,8 +8,8 @@ use druse_geometry::progress::Progress;
 use druse_geometry::simd::run_vectorized;
 use rayon::prelude::*;
 
-/// Number of values that one task sums or updates.
-const CHUNK_LENGTH: usize = 1 << 13;
+/// Number of values that one task sums or updates, 64 KiB; another one changes the rounding of sums.
+pub(super) const CHUNK_LENGTH: usize = 1 << 13;
 
 /// A symmetric positive system on periodic fields.
 pub(super) trait System {

@@ -247,7 +247,7 @@ fn layer(
         if let Some((_, thermal)) = sensitivities.thermal.get(n) {
             sensitivity[21..27].copy_from_slice(thermal);
         }
-        sensitivity[27] = 1.0;
+        sensitivity[OUTPUT_COUNT - 1] = 1.0; // The volume is the mean of shares.
         let within = voxel % (ny * nz);
         for at in samples.parts([i, within / nz, within % nz]) {
             let slope = samples.slope(at);

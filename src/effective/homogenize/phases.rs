@@ -298,7 +298,7 @@ pub(super) fn fine_counts(grid: Grid, fineness: usize) -> [usize; 3] {
     [nx * fineness, ny * fineness, nz * deep]
 }
 
-/// The mean of shares, chunk by chunk in a fixed order, so that it does not depend on the threads.
+/// The mean of shares, by chunks of 4096 (32 KiB) in a fixed order, so that it does not depend on the threads.
 pub fn mean(shares: &[f64]) -> f64 {
     let parts: Vec<f64> = shares.par_chunks(1 << 12).map(|c| c.iter().sum()).collect();
     parts.iter().sum::<f64>() / shares.len() as f64

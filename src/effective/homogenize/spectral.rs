@@ -79,7 +79,7 @@ impl<const C: usize> Spectral<C> {
         }
     }
 
-    /// Bytes of its buffers for each voxel of a grid with many voxels.
+    /// Bytes of both buffers for each voxel of a grid with many voxels: eight for half of the frequencies, twice.
     pub const BYTES_PER_VOXEL: u64 = 8 * C as u64;
 
     /// Applies `symbol`, which multiplies the amplitudes at one frequency (its indices along x, y, z) by a matrix, to

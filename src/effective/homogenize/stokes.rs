@@ -15,7 +15,7 @@
 //! (`a_square_array_of_cylinders_has_the_permeability_of_its_series`).
 
 use super::HomogenizeError;
-use super::cg::{Control, add, dot};
+use super::cg::{CHUNK_LENGTH, Control, add, dot};
 use super::grid::Grid;
 use super::spectral::Spectral;
 use druse_geometry::progress::Progress;
@@ -376,9 +376,6 @@ impl Stokes {
             // v_next = A z - delta / gamma v - gamma / gamma_old v_old; the next Lanczos vector takes the
             // place of the last one.
             let (first, second) = (-delta / gamma, -gamma / gamma_old);
-            if iteration == 1 {
-                v_old.fill(0.0);
-            }
             combine(&mut v_old, second, &v, first, &z_next);
             std::mem::swap(&mut v_old, &mut v);
             self.precondition(&v, &mut z_next);
@@ -476,7 +473,7 @@ fn combine(y: &mut [f64], a: f64, x: &[f64], b: f64, z: &[f64]) {
 
 /// y = a y.
 fn scale(y: &mut [f64], a: f64) {
-    y.par_chunks_mut(1 << 13).for_each(|y| {
+    y.par_chunks_mut(CHUNK_LENGTH).for_each(|y| {
         for v in y {
             *v *= a;
         }

@@ -101,7 +101,7 @@ impl SurfacePoints {
         let voxel_size = voxel_size as f32;
         let found = (0..count)
             .into_par_iter()
-            .with_min_len(32)
+            .with_min_len(32) // Leaves: fewer are no task.
             .map_init(Stencils::default, |stencils, n| {
                 let lengths = BandLengths {
                     voxel_size,
@@ -240,7 +240,7 @@ impl SurfacePoints {
         // Deduplicated in chunks first, since neighbouring leaves are near the same leaves.
         let mut found: Vec<Coord> = self
             .leaves
-            .par_chunks(256)
+            .par_chunks(256) // Leaves: the list of each task stays short.
             .flat_map_iter(|part| {
                 let mut found = Vec::new();
                 for (origin, _) in part {

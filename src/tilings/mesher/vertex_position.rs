@@ -13,6 +13,8 @@ use rayon::prelude::*;
 
 /// Greatest number of evaluations of an exact field along one edge.
 const MAX_STEPS: usize = 40;
+/// Fewer vertices than these, 100 KiB, are no task of their own.
+const MIN_TASK_VERTICES: usize = 1 << 12;
 
 /// Minimum distance of a vertex from the ends of its edge in double precision, voxels.
 pub(super) const MIN_MARGIN: f64 = 1e-3;
@@ -37,7 +39,8 @@ pub fn move_off_voxels(
     if margin <= MIN_MARGIN {
         return false;
     }
-    vertices.par_iter_mut().with_min_len(1 << 12).for_each(|v| {
+    let tasks = vertices.par_iter_mut().with_min_len(MIN_TASK_VERTICES);
+    tasks.for_each(|v| {
         let at = (*v - origin) / voxel_size;
         // A vertex lies on an edge of the lattice: two of its coordinates are integers.
         let share = at.map(|c| c - c.floor());
@@ -62,7 +65,9 @@ pub(super) fn vertices(
     progress: &dyn Progress,
 ) -> Result<Vec<Vec3>, MesherError> {
     // All threads write the zeros, since the first touch of the memory takes as long as the work.
-    let zeros = (0..crossed.vertices).into_par_iter().with_min_len(1 << 12);
+    let zeros = (0..crossed.vertices)
+        .into_par_iter()
+        .with_min_len(MIN_TASK_VERTICES);
     let mut all: Vec<Vec3> = zeros.map(|_| Vec3::zeros()).collect();
     // The number of vertices of each batch gives its place in the list.
     let count = |part: &[u32]| -> usize {

@@ -10,6 +10,7 @@
 //! leaves spread over a period show errors of the distances within [`RMS_TOLERANCE`] and [`MAX_ERROR`].
 //! [`HexGrid::distance`] is the same rule in double precision, one point at a time.
 
+use super::newton_distance::{DAMPING_FRACTION, MAX_SCALE_FACTOR};
 use super::patch::Patch;
 use super::{Boundary, Distance, TilingOptions, Visits};
 use crate::scaffold::Scaffold;
@@ -43,8 +44,6 @@ const TRIAL_LEAVES: u32 = 64;
 const F32_PRECISION: f64 = 2e-5;
 /// Factor by which rounding may increase a length.
 const ROUNDING_FACTOR: f32 = 1.0 + 1e-6;
-/// Newton steps are damped where the slope is below this fraction of its root mean square.
-const DAMPING_FRACTION: f64 = 0.05;
 
 /// A box of equal hexes with one periodic field.
 pub(super) struct HexGrid {
@@ -83,7 +82,7 @@ impl HexGrid {
             max_step: max_step as f32,
             half_width: options.half_width as f32,
             min_scale: slope_sup.recip() as f32,
-            max_scale: (10.0 / slope_rms) as f32,
+            max_scale: (MAX_SCALE_FACTOR / slope_rms) as f32,
             sign_reach: (f64::sqrt(3.0) * h * slope_sup * (1.0 + 1e-4)) as f32,
             zero_tolerance: (1e-4 * slope_rms * h) as f32,
             wave_number: wave_number.map(|t| t as f32).into(),
@@ -327,7 +326,9 @@ impl HexGrid {
             let (f1, g1) = self.slope(x + first);
             (first + step(f1, g1)).norm() / f.abs()
         };
-        let scale = scale.min(10.0 / self.slope_rms).max(1.0 / self.slope_sup);
+        let scale = scale
+            .min(MAX_SCALE_FACTOR / self.slope_rms)
+            .max(1.0 / self.slope_sup);
         (f * scale).clamp(-w, w)
     }
 

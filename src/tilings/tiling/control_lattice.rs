@@ -82,6 +82,7 @@ impl ControlLattice {
     fn interval(&self, axis: usize, x: f64) -> (usize, f64) {
         let n = self.counts[axis];
         let t = (x - self.origin[axis]) / self.spacing;
+        // Between points 1 and n - 2, whose intervals have a point on both sides; at the upper end the last one serves.
         let t = t.clamp(1.0, (n - 2) as f64);
         let first = (t.floor() as usize).min(n - 3) - 1;
         (first, t - (first + 1) as f64)

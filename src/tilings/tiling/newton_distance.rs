@@ -12,10 +12,10 @@ use druse_geometry::frame::{CellPoint, Mat3, Vec3};
 use druse_geometry::simd::{self, Four, Lanes, Number, SimdKernel};
 
 /// Newton steps are damped where the slope is below this fraction of its root mean square.
-const DAMPING_FRACTION: f64 = 0.05;
+pub(super) const DAMPING_FRACTION: f64 = 0.05;
 /// Bound of the scale, in units of 1 / root mean square of the slope: that of a zero, |g| / (|g|^2 + damping), is at
 /// most 1 / (2 [`DAMPING_FRACTION`]).
-const MAX_SCALE_FACTOR: f64 = 10.0;
+pub(super) const MAX_SCALE_FACTOR: f64 = 10.0;
 
 /// Damping and bounds of the Newton steps in one element.
 #[derive(Clone, Copy)]

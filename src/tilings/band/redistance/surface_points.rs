@@ -53,14 +53,13 @@ impl Point {
         let tangential = away - normal * height;
         let across = tangential.norm_squared();
         let bent = tangential.dot(&(hessian * tangential));
-        // k, or 0 where t vanishes.
+        // k, or 0 where t vanishes (|t| below 1e-6 voxels); limits as for the voxels of a leaf.
         let curvature = if across > 1e-12 { bent / across } else { 0.0 };
         let spread = (1.0 + height * curvature).max(f64::from(MIN_CURVATURE_FACTOR));
         let more = (0.5 * bent / spread).clamp(-f64::from(MAX_CURVATURE_REDUCTION), 1.0);
         let straight = away.norm();
         let size = (height + more).abs().min(straight);
-        // 0 near the point, 1 from twice the tangential limit on: there the point lies on an edge, and |away| is the
-        // distance.
+        // 0 near the point, 1 from twice the tangential limit on: the point lies on an edge there, |away| is exact.
         let edge = (across.sqrt() / f64::from(MAX_TANGENTIAL) - 1.0).clamp(0.0, 1.0);
         let side = 1f64.copysign(height + more);
         let smooth = (normal + hessian * tangential / spread)

@@ -205,7 +205,7 @@ impl Pool {
     fn add_neighbours(&mut self) {
         let mut absent: Vec<(Coord, bool)> = (0..self.len())
             .into_par_iter()
-            .with_min_len(256)
+            .with_min_len(256) // As in `dilate`.
             .flat_map_iter(|n| {
                 let (mask, around) = (&self.masks[n], &self.neighbours[n]);
                 let any = |bits: u64| mask.iter().any(|w| w & bits != 0);
