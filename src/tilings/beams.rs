@@ -428,8 +428,7 @@ impl Field for Beams {
     }
 
     fn fill_leaves(&self, leaves: &mut Leaves<'_, WorldPoint>) -> Option<u64> {
-        // Beyond a band narrower than 1.75 voxels a neighbour may have another sign: samples must be evaluated one by
-        // one.
+        // Beyond a band narrower than 1.75 voxels a neighbour may have another sign: samples are evaluated one by one.
         let (by, background) = (f64::from(leaves.by), f64::from(leaves.background));
         if !is_settled(background, leaves.step) {
             return None;

@@ -332,8 +332,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
             .fold(Aabb::EMPTY, |b, c| b.union(c.boundary.bounds()))
     }
 
-    /// Value, gradient and distance at a point, with its element and reference coordinates. `None` outside the
-    /// scaffold.
+    /// Value, gradient and distance at a point, its element and reference coordinates. `None` outside the scaffold.
     pub fn sample(&self, p: WorldPoint) -> Option<Sample> {
         let (element, reference) = self.scaffold.locate(p)?;
         let element = element as usize;

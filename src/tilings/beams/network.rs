@@ -415,8 +415,7 @@ impl ElementMapper<'_> {
         }
     }
 
-    /// Maps a strut between two reference points: one simplex in an affine element, else as many as [`Self::bisect`]
-    /// makes.
+    /// Maps a strut between two reference points: one simplex in an affine element, else those of [`Self::bisect`].
     fn line(&self, ends: [Vec3; 2], radius: f64, out: &mut Vec<MappedSimplex<2>>) {
         if self.element.is_affine() {
             out.push(self.mapped(ends, radius));

@@ -101,8 +101,7 @@ pub(super) fn grow(b: &mut CellBox<3>) {
     b.max.add_scalar_mut(slack);
 }
 
-/// A box around the intersection of a box and the closed cell, from one face plane at a time. `None` if they do not
-/// meet.
+/// A box around the intersection of a box and the closed cell, one face plane at a time. `None` if they do not meet.
 pub(super) fn confine(shape: Element, found: CellBox<3>) -> Option<CellBox<3>> {
     let mut b = found.intersection(shape.cell_box());
     if b.is_empty() {

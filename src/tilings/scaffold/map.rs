@@ -162,8 +162,7 @@ impl Affine {
         Self::new(corners[0].0 - jacobian * first.0, jacobian)
     }
 
-    /// The map origin + jacobian xi. The inverse of a singular matrix is NaN in every entry, by which callers recognise
-    /// it.
+    /// The map origin + jacobian xi. The inverse of a singular matrix is NaN in every entry, by which callers know it.
     pub fn new(origin: Vec3, jacobian: Mat3) -> Self {
         Self {
             origin,

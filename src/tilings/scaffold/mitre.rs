@@ -2,8 +2,7 @@
 //!
 //! The planes of the elements at a node, each offset by 1 along its normal `n_i`, meet at the node plus m with
 //! `n_i . m = 1`. Three planes determine m; of fewer, m is the shortest solution. Of more, it is that of least squares.
-//! Planes that are nearly alike determine a part of m badly: there a long step along the surface would gain little. It is
-//! damped.
+//! Planes that are nearly alike determine a part of m badly: it is damped, for a long step along it would gain little.
 
 use druse_geometry::frame::{Mat3, Vec3};
 

@@ -185,8 +185,7 @@ impl Scaffold {
         &self.topology.non_manifold
     }
 
-    /// Elements of each face-connected component, ascending; components in order of their least
-    /// element.
+    /// Elements of each face-connected component, ascending; components in order of their least element.
     pub fn components(&self) -> &[Vec<u32>] {
         &self.topology.components
     }

@@ -52,7 +52,8 @@ enum JacobianSource {
     Single(u32),
 }
 
-/// A block of samples within one element.
+/// A block of samples within one element: the `number`th of the box. `radius` is half its diagonal, `depth` that of its
+/// centre below the element's faces, world units, and `f` the field at the centre.
 struct Block {
     number: usize,
     near_index: usize,
@@ -81,7 +82,7 @@ pub(super) struct CurvedBatch {
     blocks: Vec<Block>,
     /// The local maps of blocks.
     local_maps: Vec<LocalMap>,
-    /// Samples whose owner is not that of their block.
+    /// Samples whose owner their block does not give.
     open: Vec<LatticeSample>,
     /// Samples in no element.
     exterior: Vec<LatticeSample>,
@@ -326,7 +327,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         let mut found = std::mem::take(&mut batch.found);
         let all = (&*batch.at, f64::INFINITY);
         let mut local_map = batch.local_maps[block.local_map as usize];
-        patch.preimages(self.scaffold, all, (&mut local_map, true), &mut found);
+        let for_f32 = true; // Distances are stored so.
+        patch.preimages(self.scaffold, all, (&mut local_map, for_f32), &mut found);
         for (&sample, preimage) in samples.zip(&found.all) {
             match preimage {
                 Some(preimage) => {

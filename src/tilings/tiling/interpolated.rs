@@ -55,7 +55,8 @@ fn trial_samples() -> impl Iterator<Item = [usize; 3]> {
 
 impl<F: Filling> TiledSolid<'_, F> {
     /// Interpolates the distances of a leaf if it lies in one element, more than w inside the boundary, and if the
-    /// trial is within the tolerance. `near` are the elements less than a voxel away.
+    /// trial is within the tolerance. `near` are the elements less than a voxel away, `depth` is the signed distance to
+    /// the boundary, negative inside.
     pub(super) fn fill_interpolated(
         &self,
         (near, depth): (&NearElements, Interval),
@@ -111,7 +112,7 @@ impl<F: Filling> TiledSolid<'_, F> {
     }
 
     /// Interpolates a leaf from the nodes of `matrices`. Returns the greatest error at the trial samples; `None`
-    /// if a node is outside the element or the field is too curved for the two steps.
+    /// if a node or trial sample is outside the element or the field is too curved for the two steps.
     fn try_interpolation(
         &self,
         number: u32,
@@ -157,7 +158,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             patch.preimages(
                 self.scaffold,
                 (at, f64::INFINITY),
-                (&mut local_map, true),
+                (&mut local_map, true), // Precise enough for values in single precision.
                 preimages,
             );
             for preimage in &preimages.all {

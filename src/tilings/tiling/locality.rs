@@ -175,8 +175,8 @@ impl<F: Filling> TiledSolid<'_, F> {
     /// slope near the surface, and a larger bound holds further away.
     pub(super) fn max_change(&self, near: &NearElements, length: f64) -> f64 {
         // The part of the length that is no longer near the surface.
-        let face_distance = (length - near_surface_distance(self.options)).max(0.0);
-        near.slope_sup * (length - face_distance) + near.slope_sup_anywhere * face_distance
+        let beyond = (length - near_surface_distance(self.options)).max(0.0);
+        near.slope_sup * (length - beyond) + near.slope_sup_anywhere * beyond
     }
 
     /// Replaces `near` by the elements of a wider list that may be near a point of `region`.

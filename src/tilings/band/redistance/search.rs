@@ -108,8 +108,7 @@ impl<'a> Search<'a> {
         };
         let mut lists = LISTS.take().unwrap_or_default();
         let Lists { own, part } = &mut *lists;
-        // Candidates of the leaf, then of each of its eight parts of 4^3 samples; [`Block`] tests these for 2^3
-        // samples.
+        // Candidates of the leaf, then of its eight parts of 4^3 samples; [`Block`] tests these for 2^3 samples.
         self.near(self.max_distance(), own);
         for n in (0..8).filter(|_| !own.numbers.is_empty()) {
             let corner = [n >> 2, n >> 1 & 1, n & 1].map(|c| 4 * c);

@@ -66,8 +66,7 @@ pub(super) struct Creases {
 }
 
 impl Creases {
-    /// The creases of a solid's surface. Lines begin at corners; a closed line without corner begins at its lowest
-    /// vertex.
+    /// The creases of a solid's surface. Lines begin at corners; a closed line without one begins at its lowest vertex.
     pub(super) fn of(solid: &MeshSolid) -> Self {
         let (edges, places) = crease_edges(solid);
         // The crease edges at each vertex.

@@ -338,8 +338,7 @@ impl Nodes {
                 let places = (!is_skipped).then(|| candidates_on(corners, step));
                 places.into_iter().flatten().filter_map(move |p| {
                     let size = sizes.at(p);
-                    // Beside the nodes of creases there is never room: most places of long thin triangles
-                    // end here.
+                    // Beside the nodes of creases there is never room: most places of long thin triangles end here.
                     let spacing = FACE_SPACING * size;
                     let is_near = |n: u32| (nodes.place(n) - p).norm() < spacing;
                     if crease_bins.any(p, spacing, is_near) {

@@ -4,7 +4,8 @@
 //! a component, in each turn that makes a different cell, a breadth-first search turns all others; then every
 //! face is checked, also those that the search has not crossed. Of the searches with the fewest bad faces that
 //! one is taken whose cells lie best as [`Aim`] wants them, and of the turns that give the same cell the one that
-//! lies best too. The result does therefore not depend on how the elements were numbered.
+//! lies best too. Where cells continue everywhere, the result thus depends on the elements' numbering only if the aim
+//! is [`Aim::Numbering`].
 
 use super::views::{MAX_TURNS, NO_TURN, Turn, Views};
 use crate::scaffold::{FaceRef, Neighbour, Scaffold};
@@ -47,7 +48,7 @@ const WORLD_WEIGHT: f64 = 1e-3;
 
 /// What an element's axes A make of an [`Aim`], for all of its turns: its axes become A Q^T by a turn Q.
 struct ElementAim {
-    /// The score of the world's axes is Q.M, the sum of the products of all entries.
+    /// The matrix M of the score Q.M of the world's axes (or the own ones), the sum of the products of all entries.
     world: Mat3,
     /// A^T v for the directions v of the third and of the first axis, with their weights. That axis of A Q^T is A times
     /// a row of Q, so that its cosine is the row's product with this vector.
@@ -411,7 +412,7 @@ impl<'a> Search<'a> {
             for (n, outcome) in outcomes.iter_mut().enumerate() {
                 let turn = trials.turn(e, n);
                 let found = best[usize::from(self.class(e as usize, turn))];
-                // No turn of an element without size lies better than another.
+                // An element whose axes are no numbers keeps its turn.
                 let (turn, score) = match found.turn {
                     NO_TURN => (turn, 0.0),
                     best => (best, found.score),
