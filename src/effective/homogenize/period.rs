@@ -223,6 +223,7 @@ impl Period {
     fn is_octahedral(&self) -> bool {
         match (&self.filling, self.element) {
             (PeriodField::Cell(cell), Element::Hex) => cell.fits_any_numbering(),
+            // A tet's cell fits any numbering, see `of_cell`.
             (PeriodField::Cell(_), Element::Tet) => self.packing == Packing::Bcc,
             _ => false,
         }
@@ -314,6 +315,7 @@ impl Period {
             }
             cell.expression().value(self.reference(place([n; 3], *at)))
         };
+        // Fewer than 64 samples are no task of their own.
         let chosen: Vec<f64> = triples.par_iter().with_min_len(64).map(value).collect();
         stopped(progress)?;
         let mut values = vec![0.0; n * n * n];

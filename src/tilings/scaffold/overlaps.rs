@@ -89,7 +89,7 @@ impl Scaffold {
         pairs
     }
 
-    /// Whether two faces with the same corners have them in the same order round; `None` in neither.
+    /// Whether two faces with the same corners have them in the same order round; `None` if in neither sense.
     fn runs_along(&self, f: FaceRef, g: FaceRef) -> Option<bool> {
         let corners = |f: FaceRef| {
             let e = self.element(f.element as usize);

@@ -42,14 +42,14 @@ pub struct Discontinuity {
     pub at: [f64; 3],
     /// The jump of the value over the field's range.
     pub value_jump: f64,
-    /// Distance of the point from the other element's face, world units.
+    /// Bound of the point's distance from the other element's face, world units.
     pub gap: f64,
 }
 
 /// The continuity of a tiling's field, see [`certify`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Certificate {
-    /// Least and greatest value on the faces.
+    /// Least and greatest value on the faces, by the first element of each.
     pub range: [f64; 2],
     /// Triangles, then quads, if there are such faces.
     pub kinds: Vec<FaceStatistics>,

@@ -77,7 +77,7 @@ pub(super) struct Preimages {
     at: Vec<Vec3>,
 }
 
-/// The reference vertices, computed once.
+/// The reference vertices, computed once for each of the seven shapes.
 fn vertices(shape: Element) -> &'static [Vec3] {
     static ALL: [OnceLock<Vec<Vec3>>; 7] = [const { OnceLock::new() }; 7];
     ALL[shape as usize].get_or_init(|| shape.vertices())
@@ -141,7 +141,7 @@ impl Patch {
         self.is_affine() && self.planes.outside_distance::<f64>(x.into()) < -margin
     }
 
-    /// A lower bound of a point's distance to the plane of a face; curved faces have none.
+    /// A lower bound of a point's distance to the plane of a face; 0 in curved elements, whose faces have none.
     pub fn face_distance(&self, face: usize, x: Vec3) -> f64 {
         match self.inverse {
             Inverse::Affine { .. } => self.planes.face_distance(face, x),
@@ -156,7 +156,7 @@ impl Patch {
     }
 
     /// The preimage of `x`, if it may be less than `margin` world units outside. `None` if it is farther out, or if
-    /// Newton's method fails from the estimate, the centre and all vertices.
+    /// Newton's method fails from the estimate, the reference origin and all vertices.
     pub fn preimage(
         &self,
         scaffold: &Scaffold,
