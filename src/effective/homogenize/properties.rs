@@ -51,6 +51,7 @@ impl Default for Settings {
     /// A solid of Young's modulus 1 and Poisson's ratio 0.3 and conductivity 1, void of a ten thousandth.
     fn default() -> Self {
         Self {
+            // nu / ((1 + nu) (1 - 2 nu)) and 1 / (2 (1 + nu)).
             solid: Isotropic {
                 lambda: 0.3 / (1.3 * 0.4),
                 mu: 1.0 / 2.6,
@@ -130,7 +131,7 @@ pub fn bytes_per_voxel(settings: &Settings, keeps: bool) -> u64 {
     } else {
         0
     };
-    // Shares, and the marks of the search for components, which runs before any solver.
+    // Eight bytes of shares, and eight of marks of the search for components, which runs before any solver.
     let walk = 8 + 8;
     Elasticity::bytes_per_voxel(keeps).max(flow + 8).max(walk)
 }

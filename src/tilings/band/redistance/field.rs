@@ -24,7 +24,7 @@ use std::sync::OnceLock;
 const BLOCK_EDGE: i32 = 64;
 /// Half width in voxels of the sampled band: what the stencils of surface points need.
 const BAND_HALF_WIDTH: f64 = 3.0;
-/// Leaves that are evaluated at once.
+/// Leaves that are evaluated at once, at most the 32 of `batch_values`.
 const LEAVES_AT_ONCE: usize = 32;
 /// Leaves along the edge of a block.
 const LEAVES_PER_EDGE: i32 = BLOCK_EDGE / LEAF;

@@ -106,7 +106,7 @@ impl Wedge {
     /// The unsigned distance, voxels, of the position at displacement `away` from the point, and the unit vector
     /// away from the surface.
     pub fn distance_and_direction(&self, away: Vec3) -> (f64, Vec3) {
-        const STEP: f64 = 1e-2;
+        const STEP: f64 = 1e-2; // Voxels: long, since distances are in single precision.
         let at = |p: Vec3| f64::from(self.distance(p.map(|c| c as f32).into()));
         let slope = |axis| {
             let step = Vec3::ith(axis, STEP);
@@ -219,7 +219,7 @@ pub(super) fn find<'a>(
         return corners;
     }
     let all = gather(leaf, values, 1.0 / lengths.voxel_size, lengths.background);
-    // Voxels whose feet may lie in a window.
+    // Voxels whose feet may lie in a window, and that have neighbours on all sides.
     let mut ends = [[EDGE, 0]; 3];
     for point in points.iter().filter(|p| is_bent(p)) {
         for (end, c) in ends.iter_mut().zip(point.at) {
