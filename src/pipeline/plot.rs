@@ -318,12 +318,11 @@ fn chart(canvas: &mut Canvas, curve: &[(usize, f64)], against_source: bool) {
     let is_shown = |rms: f64| rms > MIN_PLOTTED_RMS && rms.is_finite();
     let shown: Vec<&(usize, f64)> = curve.iter().filter(|c| is_shown(c.1)).collect();
     if shown.len() < 2 {
-        canvas.text(
-            left,
-            top,
-            "no curve: the cell is not a single series",
-            TEXT_COLOUR,
-        );
+        let reason = match curve.len() {
+            0 => "no curve: the cell is not a single series",
+            _ => "no curve: fewer than two errors above rounding",
+        };
+        canvas.text(left, top, reason, TEXT_COLOUR);
         return;
     }
     let max_count = shown[shown.len() - 1].0.max(2) as f64;

@@ -76,7 +76,10 @@ fn connectivity(offsets: &[i64], nodes: &[i64], types: &[u8]) -> Result<Connecti
             .map(|&n| u32::try_from(n).ok())
             .collect();
         let Some(element_nodes) = element_nodes else {
-            return fail(format!("element {n} has a negative node number"));
+            return fail(format!(
+                "element {n} has a node number below 0 or above {}",
+                u32::MAX
+            ));
         };
         made.push(kind, &element_nodes);
     }

@@ -31,15 +31,19 @@ pub(super) fn run_session(
             let sign = if pending.is_empty() { "> " } else { "| " };
             let _ = write!(std::io::stderr(), "{sign}");
         }
-        let Some(line) = lines.next() else {
-            return Ok(());
-        };
-        let line = line.map_err(|e| crate::io::ReadError::io("-", e))?;
-        pending.push_str(&line);
-        pending.push('\n');
-        let open = |c| pending.matches(c).count();
-        if open('{') > open('}') {
-            continue;
+        match lines.next() {
+            Some(line) => {
+                let line = line.map_err(|e| crate::io::ReadError::io("-", e))?;
+                pending.push_str(&line);
+                pending.push('\n');
+                let open = |c| pending.matches(c).count();
+                if open('{') > open('}') {
+                    continue;
+                }
+            }
+            None if pending.is_empty() => return Ok(()),
+            // A block that the input leaves open is run, which names the missing brace.
+            None => {}
         }
         let text = std::mem::take(&mut pending);
         match reply(text.trim(), interpreter, draw, intersections) {

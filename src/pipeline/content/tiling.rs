@@ -16,7 +16,7 @@ use super::round_beams::RoundBeams;
 use super::sheets::SheetThickness;
 use crate::cell::{Cell, Table};
 use crate::field::Field;
-use crate::frame::{CellPoint, Vec3, WorldPoint};
+use crate::frame::{CellPoint, Mat3, Vec3, WorldPoint};
 use crate::mesh::MeshSolid;
 use crate::pipeline::base::error::RunError;
 use crate::pipeline::base::report::ContinuityReport;
@@ -409,9 +409,12 @@ impl CellTiling {
         let mut breaks = vec![vec![None; count]; count];
         for i in 0..count {
             for j in i + 1..count {
-                let operators = self.palette[i].cells[0].operators();
+                let [own, other] = [i, j].map(|n| self.palette[n].cells[0].operators());
+                // Classes of components are those under the symmetries of both cells.
+                let is_shared = |a: &&Mat3| other.iter().any(|b| (*a - b).norm() < 1e-9);
+                let operators: Vec<Mat3> = own.iter().filter(is_shared).copied().collect();
                 if let TransitionCheck::Broken { weight } =
-                    check_transition(&blend, shape, operators, i, j)
+                    check_transition(&blend, shape, &operators, i, j)
                 {
                     breaks[i][j] = Some(weight);
                 }

@@ -101,16 +101,12 @@ pub fn design(
     if let Some(n) = table.evaluations {
         design.evaluations = n as usize;
     }
-    design.voxels = match table.voxels {
-        Some(n) => n as usize,
-        None => {
-            // At least four voxels for the shortest wave, and an even number; 1e4 bounds the cast.
-            let for_waves = (4.0 * design.band_limit / 2.0).ceil().min(1e4) as usize * 2;
-            match design.solid {
-                Solid::Sheet => for_waves.max(SHEET_VOXELS),
-                _ => for_waves.max(design.voxels),
-            }
-        }
+    // At least four voxels for the shortest wave, and an even number; 1e4 bounds the cast.
+    let for_waves = (4.0 * design.band_limit / 2.0).ceil().min(1e4) as usize * 2;
+    design.voxels = match (table.voxels, design.solid) {
+        (Some(n), _) => n as usize,
+        (None, Solid::Sheet) => for_waves.max(SHEET_VOXELS),
+        (None, _) => for_waves.max(design.voxels),
     };
     design.seed = section.seed.unwrap_or(0);
     design.start = match &section.start {

@@ -123,6 +123,10 @@ fn a_conversation_goes_on_after_errors_and_undoes() {
     }
     assert!(place.path().join("a.obj").exists());
     assert!(!out.contains("never"));
+    // The input ends in an open block.
+    let done = druse(place.path(), &["--interactive"], "cube\nrepeat 2 {\nkis");
+    let out = text(&done.stdout);
+    assert!(out.contains("error: ") && out.contains('{'), "{out}");
 }
 
 /// A request to the page of `--view`; gives the answer's first line and text.
