@@ -123,6 +123,7 @@ impl<'a> Elasticity<'a> {
             .derivative
             .sum::<3, 6, f64>(u, &|first, rows: &mut [f64]| {
                 self.stress(&strain, first, rows);
+                // Both rows of a shear hold the same stress: one is summed.
                 let nz = rows.len() / 9;
                 VOIGT_GRADIENTS.map(|r| rows[r[0] * nz..(r[0] + 1) * nz].iter().sum())
             });
@@ -268,8 +269,8 @@ impl<'a> Elasticity<'a> {
             .collect()
     }
 
-    /// Displacement gradients at the voxels `chosen`, which ascend; component 3 c + a is `du_c/dx_a`. `nz` is the number
-    /// of voxels of a row.
+    /// Displacement gradients at the voxels `chosen`, which ascend; component 3 c + a is `du_c/dx_a`. A row has `nz`
+    /// voxels.
     fn gradients_at(&self, u: &[f64], chosen: &[usize], nz: usize) -> Vec<[f64; 9]> {
         let found = std::sync::Mutex::new(vec![[0.0; 9]; chosen.len()]);
         self.derivative

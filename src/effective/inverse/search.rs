@@ -395,7 +395,7 @@ impl Prepared {
         evaluated.collect()
     }
 
-    /// Moves goals, bounds of flow, barrier and erosion by what sharp voxels miss, and continues; whether stopped.
+    /// Moves goals, flow bounds, barrier and erosion by what finer sharp voxels miss, and continues; whether stopped.
     fn correct(
         &self,
         all: &mut [Candidate],
@@ -453,8 +453,8 @@ impl Prepared {
         Ok(false)
     }
 
-    /// The connected candidate with the least objective on the finer grid of those that meet all constraints; stopped,
-    /// the connected one with the least objective of its last evaluation.
+    /// The connected candidate with the least objective, on a grid twice as fine, of those that meet all constraints;
+    /// stopped, the connected one with the least objective of its last evaluation.
     fn finish(
         &self,
         all: &[Candidate],

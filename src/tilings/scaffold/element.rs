@@ -169,7 +169,7 @@ impl<'a> ElementMap<'a> {
         if found.is_some() || self.is_affine() {
             return found;
         }
-        // A proof that x is not in the element, or a start near its preimage.
+        // A proof that x is not in the element, or a start near its preimage; 1e-9 covers rounding.
         let margin = (tolerance + 1e-9) * self.geometry.stretch.1;
         let at = Aabb::of([x.0]).dilated(margin);
         let part = self.cell_box(&at)?;
