@@ -520,6 +520,7 @@ impl<C: CellField> Filling for Blend<'_, C> {
         })
     }
 
+    // Members are divided by their mean slopes.
     fn gradient_rms(&self, _: usize) -> f64 {
         1.0
     }
