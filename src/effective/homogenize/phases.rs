@@ -201,8 +201,7 @@ impl Samples {
             .values
             .iter()
             .fold([f64::MAX, f64::MIN], |[lo, hi], v| [lo.min(*v), hi.max(*v)]);
-        // The levels between which the share runs from 0 to 1, but for the slopes within parts; a symmetric solid
-        // depends on |value| alone.
+        // Between these levels the share runs from 0 to 1, nearly; a symmetric solid depends on |value| alone.
         let [mut low, mut high] = if self.solid.is_symmetric() {
             [0.0, ends[0].abs().max(ends[1].abs())]
         } else {

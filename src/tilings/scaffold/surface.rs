@@ -244,7 +244,7 @@ impl Surface {
                     let (a, b) = (at((i + 1) % n) - at(i), at((i + n - 1) % n) - at(i));
                     a.angle(&b)
                 } else {
-                    // A mid node of an edge sees half a circle of the element.
+                    // A mid node of an edge sees half a circle of the element; a centre has no other element.
                     PI
                 };
                 normals[nodes[i] as usize].push(Normal {

@@ -142,8 +142,8 @@ impl<'a> Distribution<'a> {
             let (hull, slope) = lattice.range(&self.values, self.count, quantity, &e.bounds());
             return (hull.hi, slope * e.stretch().1);
         }
-        // Slope over the spread of corner values: linear functions have at most 2.5 per reference length; with S' <= 3/2
-        // and sum S >= 1/2 the smooth ones have at most (3/2 + 3/2) 2.5 / (1/2).
+        // Slope over the spread of corner values: of linear functions at most 2.5 per reference length; with S' <= 3/2
+        // and sum S >= 1/2, of the smooth ones at most (3/2 + 3/2) 2.5 / (1/2).
         let steepest = match self.interpolation {
             Interpolation::Smoothstep => 15.0,
             _ => 2.5,
