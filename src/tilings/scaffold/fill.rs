@@ -60,7 +60,7 @@ pub struct Filled {
 }
 
 impl Scaffold {
-    /// Fills a solid with tets whose edges follow its creases. What cannot be kept is listed in the result, no error.
+    /// Fills a solid with tets whose edges follow its creases. What cannot be kept is no error; the result lists it.
     ///
     /// # Errors
     /// [`ScaffoldError::BadRound`] for a cell without size or an empty solid, [`ScaffoldError::TooMany`],
