@@ -50,29 +50,29 @@ pub enum InvalidScaffold {
     #[error(
         "element {} ({}): Jacobian {:.3e} at {} against the sign of the rest{}; expected one sign \
          over the whole element: a mid node may be displaced or nodes may be in another order",
-        .0.number, .0.kind.name(), .0.determinant, .0.at, and_more(*.1)
+        .0.number, .0.kind.name(), .0.determinant, .0.at, and_more(*.1, "elements")
     )]
     Folded(BadElement, usize),
     /// Elements whose Jacobian vanishes.
     #[error(
         "element {} ({}): Jacobian {:.3e} at {}{}; expected a volume: nodes may coincide or lie in a \
          plane",
-        .0.number, .0.kind.name(), .0.determinant, .0.at, and_more(*.1)
+        .0.number, .0.kind.name(), .0.determinant, .0.at, and_more(*.1, "elements")
     )]
     Degenerate(BadElement, usize),
     /// Elements of one component that fill the same space.
     #[error(
         "elements {} and {} fill the same space{}; expected elements beside each other: those that are \
          joined by faces cannot be united (parts with nodes of their own are)",
-        .0[0], .0[1], and_more(*.1)
+        .0[0], .0[1], and_more(*.1, "pairs")
     )]
     Overlap([u64; 2], usize),
 }
 
-fn and_more(others: usize) -> String {
+fn and_more(others: usize, noun: &str) -> String {
     match others {
         0 => String::new(),
-        n => format!(", and {n} more elements like it"),
+        n => format!(", and {n} more {noun} like it"),
     }
 }
 
