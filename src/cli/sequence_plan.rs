@@ -252,12 +252,9 @@ pub(super) fn make_items(p: &super::run::Parameters, session: &Session) -> Resul
         let is_new = if let (Some(plan), Some(brick)) = (&item.plan, item.brick) {
             let plan = opened.folder.join(plan);
             let bricks = brick..brick + 1;
-            make_bricks(
-                &plan,
-                std::slice::from_ref(&bricks),
-                &opened.options,
-                session,
-            )? == 0
+            let bricks = std::slice::from_ref(&bricks);
+            let skipped = make_bricks(&plan, bricks, &opened.options, session)?;
+            skipped == 0
         } else {
             let (_, answer, is_new) = opened.sequence().make(item.frame, session)?;
             passed &= answer.passed();

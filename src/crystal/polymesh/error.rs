@@ -145,6 +145,9 @@ pub enum ExtrudeError {
     /// A result with too many corners.
     #[error("the mesh would have {0} corners or more; expected at most {max}", max = super::MAX_CORNERS)]
     TooMany(u64),
+    /// Numbers of groups beyond 32 bits.
+    #[error("the greatest group number is {0}; new faces need numbers above it, up to {max}", max = u32::MAX)]
+    Groups(u32),
     /// A face that cannot be extruded so.
     #[error("face {face}: {reason}")]
     Face {

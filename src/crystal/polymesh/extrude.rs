@@ -227,7 +227,7 @@ impl Extrusion {
                     // Face k of every cap has the same group: corresponding faces of all sources share it.
                     greatest
                         .checked_add(1 + k as u32)
-                        .ok_or(ExtrudeError::TooMany(u64::from(greatest) + k as u64))?,
+                        .ok_or(ExtrudeError::Groups(greatest))?,
                 );
             }
         }

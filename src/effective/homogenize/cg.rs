@@ -166,7 +166,9 @@ pub(super) fn solve(
         // sqrt(r.z / r0.z0): the residual in the norm of P, which measures strains.
         let residual = (product.max(0.0) / first).sqrt();
         // Without a load the start solves the system; a product that rounding makes 0 or negative ends it too.
-        if first <= 0.0 || product <= 0.0 || residual <= control.tolerance {
+        let is_solved = first <= 0.0 || product <= 0.0 || residual <= control.tolerance;
+        // The residual of a product that is not a number is 0.
+        if is_solved && product.is_finite() {
             return Ok(iteration);
         }
         if iteration == control.max_iterations || !product.is_finite() {
@@ -214,4 +216,56 @@ pub(super) fn solve(
     }
     // The last pass of the loop always returns, so that this line is not reached.
     Ok(control.max_iterations)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use druse_geometry::progress::Silent;
+
+    /// K = diag(1, `last`) with P = 1, under the load (1, 2).
+    struct Diagonal {
+        last: f64,
+    }
+
+    impl System for Diagonal {
+        fn apply(&self, p: &[f32], q: &mut [f64]) {
+            q.copy_from_slice(&[f64::from(p[0]), self.last * f64::from(p[1])]);
+        }
+
+        fn residual(&self, u: &[f64], r: &mut [f64]) {
+            r.copy_from_slice(&[1.0 - u[0], 2.0 - self.last * u[1]]);
+        }
+
+        fn precondition(&mut self, r: &[f64], z: &mut [f64]) {
+            z.copy_from_slice(r);
+        }
+    }
+
+    #[test]
+    fn sums_that_are_not_finite_are_no_solution() {
+        let run = |last| {
+            let mut u = [0.0; 2];
+            let mut space = Workspace::new(2);
+            let mut system = Diagonal { last };
+            let control = Control::default();
+            solve(
+                &mut system,
+                &mut u,
+                Begin::Zero,
+                &mut space,
+                control,
+                &Silent,
+            )
+            .map(|_| u)
+        };
+        let u = run(4.0).unwrap();
+        assert!(
+            (u[0] - 1.0).abs() < 1e-5 && (u[1] - 0.5).abs() < 1e-5,
+            "{u:?}"
+        );
+        assert!(run(f64::NAN).is_err());
+        // K p overflows at the second step.
+        assert!(run(f64::INFINITY).is_err());
+    }
 }

@@ -126,8 +126,8 @@ fn ridge(nodes: Nodes, balls: &[Option<Ball>], steps: &[[i32; 3]]) -> Vec<Ball> 
     ridge
 }
 
-/// The least width of the phase where `values` at the nodes are positive and `belongs` is true, in periods; 0 where
-/// it does not continue along all axes.
+/// The least width of the phase where `values` at the `n`^3 nodes of a period are positive and `belongs` is true, in
+/// periods; 0 where it does not continue along all axes.
 pub fn width(n: usize, values: &[f64], belongs: &(dyn Fn(usize) -> bool + Sync)) -> f64 {
     let (nodes, period, steps) = (Nodes(n), n as f64, steps());
     let found = distances(nodes, values);
@@ -157,6 +157,7 @@ pub fn width(n: usize, values: &[f64], belongs: &(dyn Fn(usize) -> bool + Sync))
         reached.take(&ball, REACH * ball.radius, period);
     }
     let least = held.least.min(reached.least);
+    // Widths of balls are in distances of nodes, the passage is in periods already.
     (least / period).min(2.0 * passage.radius)
 }
 

@@ -149,15 +149,15 @@ fn clip_polygon(element: Element, corners: &[Vec3]) -> Vec<Vec3> {
 #[derive(Clone, Debug)]
 pub(super) struct Strut {
     pub ends: [u32; 2],
-    /// Radii in reference lengths times the elements' mean scale at the ends, averaged over all elements that
-    /// share the segment.
+    /// Radii in reference lengths times the elements' mean scale at the ends, averaged over all images of the
+    /// segment: one of each element and cell that has it.
     pub radii: [f64; 2],
     /// The first element of the segment, and its reference coordinates there.
     pub element: u32,
     pub reference: [Vec3; 2],
     /// A bit for each cell that contains the segment.
     pub cells: u8,
-    /// Number of elements whose radii are summed.
+    /// Number of images whose radii are summed.
     shared: u32,
 }
 
@@ -288,8 +288,8 @@ impl Builder {
         Ok(next)
     }
 
-    /// Adds a segment, or its radii to those of the same segment in another element. Radii are summed, and `shared`
-    /// counts the summands. A segment whose ends are one node is dropped.
+    /// Adds a segment, or its radii to those of the same segment in another element or cell. Radii are summed, and
+    /// `shared` counts the summands. A segment whose ends are one node is dropped.
     fn strut(&mut self, simplex: &MappedSimplex<2>) -> Result<(), NetworkError> {
         let ends = [self.node(simplex.points[0])?, self.node(simplex.points[1])?];
         // Shorter than the spacing of nodes.

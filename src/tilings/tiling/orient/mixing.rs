@@ -20,7 +20,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Least weight that counts.
 const MIN_WEIGHT: f64 = 1e-12;
 
-/// An element and the class of one of its turns.
+/// An element and the class of one of its turns: the least turn that gives the same cell.
 type Sheet = (u32, u8);
 
 /// The mixture that closes bad faces; `None` if a sheet at one of them does not continue in a single sheet.
@@ -109,7 +109,8 @@ pub(super) fn mixture(
     Some(Mixture::new(mixed))
 }
 
-/// The weights of the sheets around a node; `None` where one does not continue in a single sheet, there and back.
+/// The weights of the sheets around a node, whose elements `star` ascend; `None` where one does not continue in a
+/// single sheet, there and back.
 fn node_weights(
     search: &Search,
     turns: &[u8],
