@@ -214,7 +214,12 @@ impl Objective {
             let by = mean_slopes([-c12 / (sum * sum), c11 / (sum * sum), 0.0]);
             add(&mut cost.by_stiffness, 2.0 * POISSON_WEIGHT * off, &by);
         }
-        // The logarithm of the permeability below its least or above its greatest value; 0 for one below 0 (NaN).
+        // `min` and `max` would take NaN for a bound that is met, and so the logarithm of a value below 0.
+        let is_least_missed = self.target.min_permeability.is_some() && found.permeability < 0.0;
+        if self.target.bounds_flow() && found.permeability.is_nan() || is_least_missed {
+            return None;
+        }
+        // The logarithm of the permeability below its least or above its greatest value.
         let flow = |bound: Option<f64>| bound.map_or(0.0, |k| (found.permeability / k).ln());
         let off = flow(self.target.min_permeability).min(0.0)
             + flow(self.target.max_permeability).max(0.0);
@@ -240,6 +245,29 @@ impl Objective {
 mod tests {
     use super::*;
     use crate::homogenize::Isotropic;
+
+    #[test]
+    fn a_permeability_that_is_no_number_or_below_zero_meets_no_least_value() {
+        let solid = Isotropic::new(1.0, 0.3).unwrap();
+        let cost = |permeability, least: Option<f64>, most: Option<f64>| {
+            let target = Target {
+                maximise: Some(Property::Bulk),
+                min_permeability: least,
+                max_permeability: most,
+                ..Target::default()
+            };
+            let found = Effective {
+                stiffness: solid.stiffness(),
+                conductivity: [[0.0; 3]; 3],
+                permeability,
+            };
+            Objective::new(target, UpperBounds::new(solid, 1e-4, 0.3)).cost(&found)
+        };
+        assert!(cost(f64::NAN, Some(1e-3), None).is_none());
+        assert!(cost(f64::NAN, None, Some(1e-3)).is_none());
+        assert!(cost(-1e-3, Some(1e-3), None).is_none());
+        assert!(cost(-1e-3, None, Some(1e-3)).is_some() && cost(f64::NAN, None, None).is_some());
+    }
 
     #[test]
     fn objectives_have_the_derivatives_of_central_differences() {
