@@ -232,7 +232,7 @@ impl SampledBasis {
 }
 
 /// The point of the element at a place in the period.
-fn reference(element: Element, p: Vec3) -> CellPoint<3> {
+pub(super) fn reference(element: Element, p: Vec3) -> CellPoint<3> {
     if element == Element::Tet {
         Packing::Bcc.reference(p)
     } else {

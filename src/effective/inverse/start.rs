@@ -1,11 +1,11 @@
 //! Where an optimisation starts: named surfaces, cells, random coefficients; and sheets that are known to be good.
 
 use super::InverseError;
-use super::samples::SampledBasis;
+use super::samples::{SampledBasis, reference};
 use druse_cells::cell::{Cell, Solid, Surface, Terms, of_terms};
 use druse_cells::symmetry::Basis;
 use druse_geometry::field::Field;
-use druse_geometry::frame::{CellPoint, Element};
+use druse_geometry::frame::Element;
 use std::f64::consts::TAU;
 
 /// Least share of a start's mean square that the band and the group must keep.
@@ -133,7 +133,7 @@ pub fn of_cell(
             .map(|v| {
                 let at = [v / (n * n), v / n % n, v % n];
                 let p = at.map(|j| (j as f64 + 0.5) / n as f64 - 0.5);
-                sign * cell.expression().value(CellPoint(p.into()))
+                sign * cell.expression().value(reference(element, p.into()))
             })
             .collect();
         let sums = sampled.gathered(&all);
@@ -220,4 +220,28 @@ pub fn of_design(
     let rest = count.saturating_sub(all.len());
     all.extend((0..rest as u64).map(|n| random(basis, seed.wrapping_add(n))));
     all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use druse_cells::symmetry::{Lattice, PointGroup};
+
+    /// A function of a tet starts alike under its own group and under a smaller one.
+    #[test]
+    fn cells_of_smaller_groups_start_in_the_tets_of_the_period() {
+        let lattice = Lattice::<3>::named("cubic").unwrap();
+        let group = PointGroup::named("Td", &lattice).unwrap();
+        let basis = Basis::new(group, lattice, 2.0);
+        let sampled = SampledBasis::new(Element::Tet, &basis, 16).unwrap();
+        let start = |group| {
+            let terms = &[([1, 0, 0], [0.5, 0.0])];
+            let cell = of_terms("p", Element::Tet, group, terms).unwrap();
+            of_cell(Element::Tet, &sampled, &cell).unwrap().coefficients
+        };
+        let pairs = start(None).into_iter().zip(start(Some("T")));
+        for (whole, part) in pairs {
+            assert!((whole - part).abs() < 1e-9, "{whole} {part}");
+        }
+    }
 }
