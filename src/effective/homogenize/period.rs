@@ -22,7 +22,8 @@ use druse_tilings::beams::{Beam, Beams, Plate};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// Growth of beams beyond their radius, in periods, up to which the images in neighbours are complete; not checked.
+/// Distance from the period within which images of beams are kept, beyond their radius. Half a period is enough at any
+/// growth: along each axis the nearest image of a point is no farther from a point of the period.
 const GROWTH: f64 = 0.5;
 
 /// The map from the reference element into the period.
