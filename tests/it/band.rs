@@ -297,6 +297,9 @@ fn an_estimate_from_few_leaves_is_right_within_a_few_standard_errors() {
         let off = (e.leaves_kept - stats.leaves_kept as f64).abs();
         assert!(off < 4.0 * e.leaves_kept_error, "{e:?} {stats:?}");
     }
+    // One leaf has no variance: two are drawn.
+    let least = estimate(Sampling { leaves: 1, seed: 1 });
+    assert!(least.leaves_sampled == 2 && least.active_voxels_error.is_finite());
     let all = estimate(Sampling {
         leaves: usize::MAX,
         seed: 1,

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 /// How much to sample.
 #[derive(Clone, Copy, Debug)]
 pub struct Sampling {
-    /// Leaves to evaluate, at least 2, else errors are not numbers; all of them if there are fewer.
+    /// Leaves to evaluate, at least 2, so that there is a standard error; all of them if there are fewer.
     pub leaves: usize,
     /// Seed of the random generator; the same seed gives the same estimate.
     pub seed: u64,
@@ -83,6 +83,11 @@ impl Band<'_> {
                 })
                 .collect::<Result<_, _>>()?;
             let leaves: Vec<Coord> = leaves.into_iter().flatten().collect();
+            // The variance is that of differences, of two leaves at least.
+            let sampling = Sampling {
+                leaves: sampling.leaves.max(2),
+                ..sampling
+            };
             let drawn = draw_stratified(leaves.len(), sampling);
             let measured: Vec<LeafSample> = drawn
                 .par_iter()
