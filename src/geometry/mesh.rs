@@ -85,11 +85,11 @@ const CHUNK_VERTICES: usize = 1 << 14;
 /// Why vertices and triangles form no mesh.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum MeshError {
-    /// A triangle refers to a vertex that does not exist.
-    #[error("triangle {triangle} names vertex {index}; expected one of 0 to {}", *count as i64 - 1)]
+    /// A triangle or quad refers to a vertex that does not exist.
+    #[error("face {face} names vertex {index}; expected one of 0 to {}", *count as i64 - 1)]
     NoSuchVertex {
-        /// Number of the triangle, from 0.
-        triangle: usize,
+        /// Number of the triangle or quad, from 0.
+        face: usize,
         /// The index of the missing vertex.
         index: u32,
         /// The number of vertices.
@@ -132,7 +132,7 @@ impl TriMesh {
     /// # Errors
     /// [`MeshError`]: an index out of range, a coordinate not below 1e18, or more vertices than 32 bits can number.
     pub fn new(vertices: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
-        validate(&vertices, triangles.iter().copied())?;
+        validate(&vertices, &triangles)?;
         Ok(Self {
             vertices,
             triangles,
@@ -142,7 +142,7 @@ impl TriMesh {
     /// As [`TriMesh::new`] for indices and coordinates that are known to be valid.
     #[doc(hidden)]
     pub fn new_unchecked(vertices: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Self {
-        debug_assert!(validate(&vertices, triangles.iter().copied()).is_ok());
+        debug_assert!(validate(&vertices, &triangles).is_ok());
         Self {
             vertices,
             triangles,
@@ -380,7 +380,7 @@ impl TriMesh {
 }
 
 /// Checks the number of vertices, then the range of coordinates, then that of indices. The first fault is the result.
-fn validate(vertices: &[Vec3], triangles: impl Iterator<Item = [u32; 3]>) -> Result<(), MeshError> {
+fn validate<const N: usize>(vertices: &[Vec3], faces: &[[u32; N]]) -> Result<(), MeshError> {
     let count = vertices.len();
     if count > u32::MAX as usize {
         return Err(MeshError::TooMany(count));
@@ -390,13 +390,9 @@ fn validate(vertices: &[Vec3], triangles: impl Iterator<Item = [u32; 3]>) -> Res
             return Err(MeshError::NotFinite { vertex, value });
         }
     }
-    for (triangle, t) in triangles.enumerate() {
-        if let Some(&index) = t.iter().find(|&&i| i as usize >= count) {
-            return Err(MeshError::NoSuchVertex {
-                triangle,
-                index,
-                count,
-            });
+    for (face, corners) in faces.iter().enumerate() {
+        if let Some(&index) = corners.iter().find(|&&i| i as usize >= count) {
+            return Err(MeshError::NoSuchVertex { face, index, count });
         }
     }
     Ok(())

@@ -7,7 +7,7 @@ pub mod signs;
 use crate::field::assert_field_laws;
 use druse::field::{Field, SampleLattice};
 use druse::frame::{Aabb, Vec3, WorldPoint};
-use druse::mesh::{MeshError, MeshSolid, Side, Skin, TriMesh};
+use druse::mesh::{MeshError, MeshSolid, QuadMesh, Side, Skin, TriMesh};
 use proptest::prelude::*;
 
 fn v(x: f64, y: f64, z: f64) -> Vec3 {
@@ -118,7 +118,12 @@ fn what_is_not_a_mesh_is_refused() {
     let e = TriMesh::new(triangle.clone(), vec![[0, 1, 2], [0, 1, 3]]).unwrap_err();
     assert_eq!(
         e.to_string(),
-        "triangle 1 names vertex 3; expected one of 0 to 2"
+        "face 1 names vertex 3; expected one of 0 to 2"
+    );
+    let e = QuadMesh::new(triangle, vec![[0, 1, 2, 2], [0, 1, 2, 3]]).unwrap_err();
+    assert_eq!(
+        e.to_string(),
+        "face 1 names vertex 3; expected one of 0 to 2"
     );
     let e = TriMesh::new(vec![v(0., f64::NAN, 0.)], vec![]).unwrap_err();
     assert!(matches!(e, MeshError::NotFinite { vertex: 0, .. }));

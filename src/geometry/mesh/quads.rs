@@ -18,10 +18,9 @@ impl QuadMesh {
     /// A mesh whose quads are rotated so that the shorter diagonal comes first.
     ///
     /// # Errors
-    /// As [`TriMesh::new`]; a quad n counts as the triangles 2n and 2n + 1.
+    /// As [`TriMesh::new`].
     pub fn new(vertices: Vec<Vec3>, mut quads: Vec<[u32; 4]>) -> Result<Self, MeshError> {
-        let triangles = |q: &[u32; 4]| [[q[0], q[1], q[2]], [q[1], q[2], q[3]]];
-        super::validate(&vertices, quads.iter().flat_map(triangles))?;
+        super::validate(&vertices, &quads)?;
         let length = |a: u32, b: u32| (vertices[a as usize] - vertices[b as usize]).norm_squared();
         for q in &mut quads {
             if q[2] != q[3] && length(q[1], q[3]) < length(q[0], q[2]) {
