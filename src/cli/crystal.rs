@@ -361,7 +361,7 @@ fn self_intersections(
         .map(|&f| format!("{f} (group {})", mesh.groups()[f as usize]))
         .collect();
     let line = format!(
-        "note: the surface intersects itself: {} pairs of triangles touch or cross, {shared_edges} edges are shared by more \
+        "note: the surface intersects itself: at least {} pairs of triangles touch or cross, {shared_edges} edges are shared by more \
          than two faces in space; first at faces {}",
         finding.count,
         named.join(", ")

@@ -21,6 +21,9 @@ use std::fmt::{self, Write};
 /// Greatest number of places recorded per kind of defect.
 const MAX_PLACES: usize = 5;
 
+/// Triangles that intersect. Some that only earlier ones meet are not counted.
+const MEETING: &str = "triangles that meet others";
+
 /// The place of a defect.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Defect {
@@ -130,10 +133,7 @@ impl MeshReport {
             ),
             ("pinched vertices", Some(&self.pinched_vertices)),
             ("triangles without area", Some(&self.degenerate)),
-            (
-                "triangles that meet others",
-                self.self_intersections.as_ref(),
-            ),
+            (MEETING, self.self_intersections.as_ref()),
         ];
         all.into_iter()
             .filter_map(|(n, f)| f.filter(|f| f.count > 0).map(|f| (n, f)))
@@ -155,7 +155,8 @@ impl MeshReport {
             let _ = writeln!(f, "{property}: {holds}");
         }
         for (name, finding) in self.defects() {
-            let _ = write!(f, "{} {name}", finding.count);
+            let bound = if name == MEETING { "at least " } else { "" };
+            let _ = write!(f, "{bound}{} {name}", finding.count);
             if let Some(Defect { at, triangles }) = finding.places.first() {
                 let numbers: Vec<String> = triangles.iter().map(u32::to_string).collect();
                 let list = numbers.join(", ");

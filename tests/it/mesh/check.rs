@@ -156,6 +156,8 @@ fn crossing_balls_are_found_in_any_order_of_triangles() {
     let ball = TriMesh::ball(v(0., 0., 0.), 1.0, 4);
     let crossing = joined(&[ball.clone(), ball.mapped(|p| p + v(0.7, 0.01, 0.02))]);
     let r = check(&crossing);
+    // Each of them has an earlier or a later partner; only later ones are searched.
+    assert!(r.to_string().contains("\nat least "), "{r}");
     let found = r.self_intersections.unwrap();
     // A ring of about the length of the common circle over the length of an edge.
     assert!(found.count > 100 && found.count < 500, "{}", found.count);
