@@ -101,8 +101,8 @@ impl Draft {
         })
     }
 
-    /// Closes each hole with one face, all in a new group. Where two of them meet at a vertex none is closed,
-    /// and the validation of the mesh reports them.
+    /// Closes each hole with one face, all in a new group. Holes that meet at a vertex stay, and the validation of the
+    /// mesh reports them.
     fn close(&mut self) {
         let edges = |face: &[u32]| {
             let next = face.iter().copied().cycle().skip(1);
@@ -110,22 +110,26 @@ impl Draft {
         };
         let known: HashSet<(u32, u32)> = self.faces.iter().flat_map(edges).collect();
         // An edge without its opposite borders a hole; the hole runs against it. With two such edges at a
-        // vertex no hole is closed.
+        // vertex it is open which of them follows.
         let mut next: BTreeMap<u32, u32> = BTreeMap::new();
+        let mut ambiguous = Vec::new();
         for (a, b) in self.faces.iter().flat_map(edges) {
             if !known.contains(&(b, a)) && next.insert(b, a).is_some() {
-                return;
+                ambiguous.push(b);
             }
+        }
+        for v in ambiguous {
+            next.remove(&v);
         }
         let group = self.groups.iter().max().map_or(1, |g| g.saturating_add(1));
         let mut holes = 0;
         // Each loop of border edges is a face; a chain that does not close is left to the validation.
-        while let Some((first, mut at)) = next.pop_first() {
+        'holes: while let Some((first, mut at)) = next.pop_first() {
             let mut hole = vec![first];
             while at != first {
                 hole.push(at);
                 let Some(after) = next.remove(&at) else {
-                    return;
+                    continue 'holes;
                 };
                 at = after;
             }

@@ -351,6 +351,14 @@ fn holes_are_closed_on_request() {
         (one.face_count(), one.face(4).len(), one.euler()),
         (5, 6, 2)
     );
+    // An octahedron without two faces that meet at a vertex keeps no hole of another part from being closed.
+    let tips = "v 9 0 0\nv 7 0 0\nv 8 1 0\nv 8 -1 0\nv 8 0 1\nv 8 0 -1\n";
+    let octahedron = "f 9 11 13\nf 10 12 13\nf 11 9 14\nf 10 11 14\nf 12 10 14\nf 9 12 14\n";
+    let text = format!("{}\n{tips}{octahedron}", lacking([1, 7]));
+    fs::write(&path, &text).unwrap();
+    let line = read_polymesh(&path, &open).unwrap_err().line().unwrap() as usize;
+    let own = text.lines().position(|l| l == "f 9 11 13").unwrap();
+    assert!(line > own, "{line}");
     // What is closed stays as it is.
     fs::write(&path, &whole).unwrap();
     assert_eq!(read_polymesh(&path, &open).unwrap().mesh, cube);
