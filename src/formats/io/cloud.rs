@@ -44,6 +44,9 @@ pub fn read_points(path: impl AsRef<Path>) -> Result<PointFile, ReadError> {
 /// The hint for points without normals: a surface is rebuilt from both.
 const NORMALS_HINT: &str = "the normals define the inside: give every point a normal";
 
+/// The hint for a column of names or classes: words with blanks would shift the columns after them.
+const WORDS_HINT: &str = "leave out columns of words: further columns must be numbers";
+
 /// The names of the columns.
 const COLUMNS: [&str; 6] = ["x", "y", "z", "nx", "ny", "nz"];
 
@@ -84,11 +87,11 @@ fn text(mut source: Source) -> Result<PointFile, ReadError> {
                 quote(&line),
                 "six finite numbers below 1e18: x y z nx ny nz",
             );
-            // Three numbers are a point without its normal.
-            return Err(if words.len() == 3 {
-                error.with_hint(NORMALS_HINT)
-            } else {
-                error
+            return Err(match (words.len(), numbers) {
+                // Three numbers are a point without its normal.
+                (3, _) => error.with_hint(NORMALS_HINT),
+                (7.., None) => error.with_hint(WORDS_HINT),
+                _ => error,
             });
         };
         file.points.push(Vec3::new(row[0], row[1], row[2]));

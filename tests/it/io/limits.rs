@@ -99,6 +99,9 @@ fn meshes_refuse_coordinates_beyond_the_limit() {
 #[test]
 fn points_and_graphs_refuse_numbers_beyond_the_limit() {
     let place = tempfile::tempdir().unwrap();
+    let classes = "x,y,z,nx,ny,nz,class\n0,0,0,0,0,1,wall\n".to_owned();
+    let message = read_points(file(&place, "p.csv", classes)).unwrap_err();
+    assert!(message.hint().unwrap().contains("columns of words"));
     for x in OUTSIDE {
         let points = file(&place, "p.xyz", format!("0 0 0 0 0 1\n{x} 0 0 0 0 1\n"));
         let message = read_points(points).unwrap_err().to_string();
