@@ -36,7 +36,7 @@ enum What {
         /// of its element].
         #[arg(long, requires = "group")]
         lattice: Option<String>,
-        /// List orbits of frequencies up to this many cycles per unit of length.
+        /// List orbits of frequencies up to this many cycles per unit of length, at most 16.
         #[arg(long, requires = "group", value_name = "R", default_value_t = 2.0)]
         band_limit: f64,
     },
@@ -88,9 +88,18 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     }
 }
 
+/// Greatest frequency that orbits are listed up to, cycles per unit of length.
+const MAX_LISTED_BAND_LIMIT: f64 = 16.0;
+
 /// The operators and orbits of a named group, or of one in a file, on a lattice (a default where none is named).
 /// `radius` bounds the frequencies of the orbits, cycles per unit of length.
 fn group_info(name: &str, lattice: Option<&str>, radius: f64) -> Result<Answer, Failure> {
+    // The number of orbits grows fast with the radius, the more so in more dimensions.
+    if !(0.0..=MAX_LISTED_BAND_LIMIT).contains(&radius) {
+        return Err(Failure::usage(format!(
+            "--band-limit: found {radius}; expected 0 to {MAX_LISTED_BAND_LIMIT}"
+        )));
+    }
     let path = Path::new(name);
     if !GROUP_NAMES.contains(&name) && path.is_file() {
         return group_file(path, lattice, radius);
@@ -166,8 +175,6 @@ fn list_group<const D: usize>(group: PointGroup<D>, lattice: Lattice<D>, radius:
         .map(Element::name)
         .collect();
     let operators: Vec<String> = group.operators().iter().map(ToString::to_string).collect();
-    // The number of orbits grows fast with the radius, the more so in more dimensions.
-    let radius = radius.clamp(0.0, 16.0);
     let orbits = group.orbits(&lattice, radius);
     let generators: Vec<String> = group.generators().iter().map(ToString::to_string).collect();
     let unknowns = Basis::new(group, lattice, radius).len();

@@ -260,6 +260,8 @@ fn a_tolerance_raises_the_band_until_the_surfaces_meet() {
 #[test]
 fn groups_are_listed_with_operators_orbits_and_domain() {
     let place = Place::new();
+    let beyond = ["cell", "info", "--group", "Td", "--band-limit", "17"];
+    refuse(&place, &beyond, 2, &["--band-limit", "17", "0 to 16"]);
     for (group, order, domain) in [
         ("Td", 24, "fx >= fy >= |fz|"),
         ("D3", 6, "k1 >= k2 >= 0"),
