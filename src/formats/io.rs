@@ -94,7 +94,7 @@ pub use mesh_format::{MeshFile, MeshFormat};
 pub use mesh_stream::{MeshPart, MeshStream};
 pub use mesh_view::{Faces, MeshView, VertexAttribute};
 #[doc(hidden)]
-pub use msh::write_msh;
+pub use msh::{move_nodes, write_msh};
 pub use npy::{NpyArray, read_npy};
 #[doc(hidden)]
 pub use partial::PartialFolder;

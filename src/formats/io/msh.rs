@@ -10,7 +10,7 @@ mod v2;
 mod v4;
 mod write;
 
-pub use write::write_msh;
+pub use write::{move_nodes, write_msh};
 
 use super::collector::{Collector, MAX_NODES};
 use super::element_file::ElementFile;

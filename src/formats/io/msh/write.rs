@@ -1,9 +1,11 @@
 //! The writer of tets as Gmsh 2.2 files in text, which every mesher and solver reads. Groups and fields are not
-//! written.
+//! written. Nodes of a file of Gmsh itself are moved where they stand, so that the rest of it stays.
 
 use crate::io::atomic::AtomicFile;
 use crate::io::error::WriteError;
+use druse_geometry::frame::Vec3;
 use druse_tilings::scaffold::{Kind, Scaffold};
+use std::collections::HashMap;
 use std::io::Write;
 use std::path::Path;
 
@@ -59,10 +61,40 @@ fn write(file: &mut impl Write, scaffold: &Scaffold) -> std::io::Result<()> {
     writeln!(file, "$EndElements")
 }
 
+/// Moves nodes in a binary file of version 4.1 as Gmsh writes it; `moved` holds places before and after. Equal places
+/// move together. `None` for another file, which may be changed in part.
+pub fn move_nodes(file: &mut [u8], moved: &[[Vec3; 2]]) -> Option<()> {
+    let bytes = |p: Vec3| [p.x, p.y, p.z].map(f64::to_le_bytes).concat();
+    let new: HashMap<Vec<u8>, Vec<u8>> = moved.iter().map(|m| (bytes(m[0]), bytes(m[1]))).collect();
+    let has_format = file.starts_with(b"$MeshFormat\n4.1 1 8\n");
+    let title: &[u8] = b"\n$Nodes\n";
+    let start = file.windows(title.len()).position(|w| w == title)?;
+    let mut rest = file.get_mut(start + title.len()..).filter(|_| has_format)?;
+    // The number of blocks; then the number of nodes, the least and the greatest of theirs.
+    let blocks = u64::from_le_bytes(*rest.first_chunk()?);
+    rest = rest.get_mut(32..)?;
+    for _ in 0..blocks {
+        // Dimension, entity, whether parameters follow a place; then the number of nodes, their numbers and places.
+        let (head, tail) = rest.split_first_chunk_mut::<20>()?;
+        let count = u64::from_le_bytes(*head.last_chunk()?) as usize;
+        if head[8..12] != [0; 4] {
+            return None;
+        }
+        let places = tail.get_mut(count.checked_mul(8)?..)?;
+        let (places, tail) = places.split_at_mut_checked(count.checked_mul(24)?)?;
+        for place in places.chunks_exact_mut(24) {
+            if let Some(new) = new.get(place as &[u8]) {
+                place.copy_from_slice(new);
+            }
+        }
+        rest = tail;
+    }
+    Some(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use druse_geometry::frame::Vec3;
 
     #[test]
     fn written_tets_are_read_as_they_were() {

@@ -46,7 +46,7 @@ pub(crate) fn cad_mesh(
     let bytes = std::fs::read(part).map_err(|e| ReadError::io(part, e))?;
     let mut hash = blake3::Hasher::new();
     hash.update(&bytes);
-    hash.update(format!("groups {options:?}").as_bytes()); // "groups": not the meshes of versions without them
+    hash.update(format!("unfolded {options:?}").as_bytes());
     let folder = cache_folder();
     let mesh = folder.join(format!("{}.msh", hash.finalize().to_hex()));
     if mesh.is_file() {
@@ -64,18 +64,27 @@ pub(crate) fn cad_mesh(
     let source = std::path::absolute(part).map_err(io)?;
     let named = gmsh.with_groups(&source).map_err(|e| e.of(part))?;
     let made = work.path().join("part.msh");
-    // Tets, also of no group, without messages below warnings; 6 elements or more around a full circle; nodes of higher
-    // order moved where they fold elements.
+    // Tets, also of no group, without messages below warnings; 10 elements or more around a full circle. Curved tets
+    // are not mended by gmsh, which may take hours.
     let mut command = Command::new("gmsh");
     command
         .arg(named.as_ref().unwrap_or(&source))
         .args(["-3", "-format", "msh41", "-bin", "-v", "2", "-save_all"])
         .args(["-order", &options.order.to_string()])
         .args(["-clmax", &options.cell.to_string()])
-        .args(["-setnumber", "Mesh.MeshSizeFromCurvature", "6"])
-        .args(["-setnumber", "Mesh.HighOrderOptimize", "1"]);
+        .args(["-setnumber", "Mesh.MeshSizeFromCurvature", "10"])
+        .args(["-setnumber", "Mesh.HighOrderOptimize", "0"]);
     gmsh.write(command, &made).map_err(|e| e.of(part))?;
-    let bytes = std::fs::read(&made).map_err(|e| failed(format!("{shown}: {e}")))?;
+    let mut bytes = std::fs::read(&made).map_err(|e| failed(format!("{shown}: {e}")))?;
+    // A file without solids is refused where it is read.
+    let moved = crate::io::read_scaffold(&made).map_or(Vec::new(), |r| r.scaffold.unfolded());
+    if !moved.is_empty() && crate::io::move_nodes(&mut bytes, &moved).is_none() {
+        return Err(failed(format!(
+            "{} middles of tets must move so that no tet folds, but gmsh wrote no binary file of version 4.1; \
+             expected gmsh 4.8 or later",
+            moved.len()
+        )));
+    }
     write_bytes(&mesh, &bytes)?;
     Ok(mesh)
 }
@@ -150,13 +159,8 @@ impl Gmsh<'_> {
         } else {
             faults.join("; ")
         };
-        let hint = if cause.contains("Optimization failed") {
-            "; order = 1 needs no curved tets, and smaller cells are bent less"
-        } else {
-            ""
-        };
         Err(GmshFault::Failed(format!(
-            "gmsh cannot mesh the part: {cause}{hint}"
+            "gmsh cannot mesh the part: {cause}"
         )))
     }
 

@@ -2,7 +2,7 @@
 //!
 //! A curved tet is quadratic: one middle per edge. A middle is moved only within a share of its edge's length, and goes
 //! back to the straight edge if a tet would fold. The result has the same corners as the straight body, but for inner
-//! nodes that make room.
+//! nodes that make room. Curved tets of other meshers are unfolded likewise.
 
 use super::creases::Creases;
 use super::improve::quality;
@@ -22,6 +22,8 @@ const MAX_BOW: f64 = 0.3;
 const MIN_JACOBIAN: f64 = 0.1;
 /// Least quality of the tets at a node that makes room for a curved face.
 const MIN_RELIEVED_QUALITY: f64 = 0.25;
+/// How often the bow of an edge is halved before the edge becomes straight, in tets of other meshers.
+const HALVINGS: u32 = 3;
 /// Corners of a tet's edges, in the order of their middles in VTK.
 const EDGES: [[usize; 2]; 6] = [[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]];
 
@@ -145,6 +147,49 @@ pub(super) fn curved(
         scaffold: Scaffold::new(all, elements)?,
         straight,
     })
+}
+
+impl Scaffold {
+    /// Middles of curved tets that fold, each with its place and the one nearer to its straight edge at which no tet
+    /// folds. Tets whose corners have no volume stay as they are.
+    pub fn unfolded(&self) -> Vec<[Vec3; 2]> {
+        let elements = self.connectivity();
+        let tets: Vec<&[u32]> = (0..self.len())
+            .filter(|&e| elements.kind(e) == Kind::Tet10)
+            .map(|e| elements.nodes(e))
+            .collect();
+        let mut nodes = self.nodes().to_vec();
+        let mut halved: BTreeMap<u32, u32> = BTreeMap::new();
+        // A middle that moved changes the tets beside, so that they are tested again.
+        loop {
+            let at = |n: u32| nodes[n as usize];
+            let bad: BTreeMap<u32, Vec3> = tets
+                .par_iter()
+                .filter(|t| {
+                    let corners = [0, 1, 2, 3].map(|i| at(t[i]));
+                    is_folded(corners, &[4, 5, 6, 7, 8, 9].map(|i| at(t[i])))
+                })
+                .flat_map_iter(|t| t[4..].iter().zip(EDGES.map(|e| e.map(|i| at(t[i])))))
+                .map(|(&n, [a, b])| (n, (a + b) / 2.0))
+                .filter(|&(n, middle)| at(n) != middle)
+                .collect();
+            if bad.is_empty() {
+                break;
+            }
+            for (n, middle) in bad {
+                let times = halved.entry(n).or_default();
+                let place = &mut nodes[n as usize];
+                *place = if *times < HALVINGS {
+                    (*place + middle) / 2.0
+                } else {
+                    middle
+                };
+                *times += 1;
+            }
+        }
+        let moved = halved.into_keys().map(|n| n as usize);
+        moved.map(|n| [self.nodes()[n], nodes[n]]).collect()
+    }
 }
 
 /// Moves inner nodes of tets that fold away from the surface, where that unfolds them. `moved` holds the middles of
