@@ -61,9 +61,9 @@ impl Made<'_> {
                 Failure::data(self.part, message)
             })?;
             let scaffold = read.scaffold;
-            if let Some(warning) = TetFilling::thin(&scaffold) {
-                let advice = format!("{warning}; a smaller cell_size may help");
-                session.warn_of(TetFilling::CODE, advice)?;
+            let thin = TetFilling::thin_cad(&scaffold);
+            if let Some(warning) = thin.map_err(|e| Failure::data(self.part, e))? {
+                session.warn_of(TetFilling::CODE, warning)?;
             }
             if is_msh {
                 // The file of gmsh itself, because it has the groups.

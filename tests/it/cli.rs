@@ -3,6 +3,7 @@
 mod cells;
 mod designs;
 mod families;
+mod fillings;
 mod foreign_files;
 mod frames;
 mod homogenize;

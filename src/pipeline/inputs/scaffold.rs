@@ -285,10 +285,16 @@ fn source_scaffold(
     let notes = read.notes().to_vec();
     let source = match read {
         ElementFile::Solids(read) => {
-            let thin = TetFilling::thin(&read.scaffold).filter(|_| is_cad(&path));
-            if let Some(message) = thin {
-                let advice = format!("{message}; a smaller cell_size may help");
-                files.warn(TetFilling::CODE, advice)?;
+            // Elements that are left out need no check.
+            if is_cad(&path) && !section.skip_inverted {
+                let thin = TetFilling::thin_cad(&read.scaffold);
+                if let Some(message) = thin.map_err(|message| RunError::Scaffold {
+                    file: Some(path.clone()),
+                    element: None,
+                    message,
+                })? {
+                    files.warn(TetFilling::CODE, message)?;
+                }
             }
             if section.shell.is_some() || section.plate.is_some() {
                 return Err(RunError::Scaffold {

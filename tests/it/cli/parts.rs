@@ -10,7 +10,7 @@ use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 /// Meshes as one .stl.
-fn stl(meshes: &[TriMesh]) -> String {
+pub(super) fn stl(meshes: &[TriMesh]) -> String {
     let mut text = "solid part\n".to_owned();
     for t in meshes.iter().flat_map(TriMesh::iter_corners) {
         text += "facet normal 0 0 0\nouter loop\n";
@@ -257,7 +257,7 @@ fn damaged_meshes_are_filled_as_they_are_voxelized() {
 }
 
 /// Druse, which finds a program of this text as gmsh, or none.
-fn druse(place: &Place, gmsh: Option<&str>) -> Command {
+pub(super) fn druse(place: &Place, gmsh: Option<&str>) -> Command {
     let folder = place.0.path().join("bin");
     std::fs::create_dir_all(&folder).unwrap();
     let program = folder.join("gmsh");
@@ -276,7 +276,7 @@ fn druse(place: &Place, gmsh: Option<&str>) -> Command {
     command
 }
 
-const MAKE: [&str; 7] = [
+pub(super) const MAKE: [&str; 7] = [
     "scaffold",
     "make",
     "part.step",
@@ -293,7 +293,7 @@ fn make_step(place: &Place, gmsh: Option<&str>) -> Output {
 
 /// A program that writes this mesh in the place of gmsh, and the name of the one solid of a part. It keeps its
 /// input beside.
-fn gmsh_of(mesh: &Path) -> String {
+pub(super) fn gmsh_of(mesh: &Path) -> String {
     format!(
         "for last; do :; done\n/bin/cp \"$1\" read.txt\ncase \"$last\" in\n\
          *.inp) echo '*NSET,NSET=Shapes/box/lid' > \"$last\";;\n*) /bin/cp {} \"$last\";;\nesac",

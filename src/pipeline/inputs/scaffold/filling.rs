@@ -14,6 +14,8 @@ const WORTH_A_WARNING: f64 = 0.1;
 const MAX_VOLUME_ERROR: f64 = 0.005;
 /// Quality (that of `druse scaffold info`) below which tets are named: a mean ratio of 0.1, to the power 3/2.
 const POOR: f64 = 0.0316;
+/// Quality below which tets are refused: a mean ratio of 0.01, since the quality is its power 3 / 2.
+const MIN_QUALITY: f64 = 0.001;
 /// Quality of tets that count as flat: no rounding is larger.
 const NO_VOLUME: f64 = 1e-7;
 /// Chordal error at which outer faces are compared with the mesh, cells.
@@ -37,8 +39,8 @@ impl TetFilling {
     /// warnings.
     ///
     /// # Errors
-    /// [`RunError::Scaffold`] where no tets can be made, or they form more components than the mesh has;
-    /// [`RunError::Cancelled`].
+    /// [`RunError::Scaffold`] where no tets can be made, they form more components than the mesh has, or some are far
+    /// too thin; [`RunError::Cancelled`].
     pub fn new(
         solid: &MeshSolid,
         options: FillOptions,
@@ -63,6 +65,17 @@ impl TetFilling {
                 place_figures(folded.place)
             )));
         }
+        if let Some(message) = refused(&filled.scaffold) {
+            let advice = advice(solid, options, &filled.scaffold, progress, |s| {
+                refused(s).is_none()
+            });
+            if progress.cancelled() {
+                return Err(Cancelled.into());
+            }
+            return Err(bad(format!(
+                "{message}; {advice}, or fill it with kind = \"hex\", which the mesh cuts"
+            )));
+        }
         let warnings = warnings(solid, &filled, options, progress).map_err(fault)?;
         Ok(Self {
             scaffold: filled.scaffold,
@@ -70,18 +83,49 @@ impl TetFilling {
         })
     }
 
-    /// A warning on the thin tets of a scaffold, without advice.
-    pub fn thin(scaffold: &Scaffold) -> Option<String> {
-        let thin = Tets::worse_than(scaffold, POOR);
-        (thin.count > 0).then(|| {
-            format!(
-                "scaffold: {} tets are thin, the worst of quality {} at ({})",
-                thin.count,
-                short_number(thin.quality),
-                place_figures(thin.place)
-            )
-        })
+    /// A warning on the thin tets of a part of CAD.
+    ///
+    /// # Errors
+    /// What is wrong where some are far too thin.
+    pub fn thin_cad(scaffold: &Scaffold) -> Result<Option<String>, String> {
+        let advice = "; a smaller or larger cell_size may help";
+        match refused(scaffold) {
+            Some(message) => Err(format!(
+                "{message}{advice}, or an STL file of the part in fill, with kind = \"hex\""
+            )),
+            None => Ok(thin(scaffold).map(|m| m + advice)),
+        }
     }
+}
+
+/// A warning on the thin tets of a scaffold, without advice.
+fn thin(scaffold: &Scaffold) -> Option<String> {
+    let thin = Tets::worse_than(scaffold, POOR);
+    (thin.count > 0).then(|| {
+        format!(
+            "scaffold: {} tets are thin, the worst of quality {} at ({})",
+            thin.count,
+            short_number(thin.quality),
+            place_figures(thin.place)
+        )
+    })
+}
+
+/// An error on the tets of a scaffold that are too thin for solvers and cells, without advice.
+fn refused(scaffold: &Scaffold) -> Option<String> {
+    let found = Tets::worse_than(scaffold, MIN_QUALITY);
+    (found.count > 0).then(|| {
+        let worst = if found.quality < 0.0 {
+            "inside out".to_owned()
+        } else {
+            format!("of quality {}", short_number(found.quality))
+        };
+        format!(
+            "found {} tets that are too thin, the worst {worst} at ({}); expected {MIN_QUALITY} or more",
+            found.count,
+            place_figures(found.place)
+        )
+    })
 }
 
 /// Tets of at most some quality, and the first of the worst ones.
@@ -167,6 +211,20 @@ fn torn(
     format!("the tets form {found} components, the mesh {expected}; {hint}")
 }
 
+/// What helps against bad tets.
+fn advice(
+    solid: &MeshSolid,
+    options: FillOptions,
+    scaffold: &Scaffold,
+    progress: &dyn Progress,
+    is_good: impl Fn(&Scaffold) -> bool,
+) -> String {
+    match helping_cell(solid, options, scaffold.len(), progress, is_good) {
+        Some(cell) => format!("cell_size = {} has none", short_number(cell)),
+        None => "a smaller or larger cell_size may help".to_owned(),
+    }
+}
+
 /// The largest of a few smaller cells whose filling is good; none beyond a cost.
 fn helping_cell(
     solid: &MeshSolid,
@@ -229,13 +287,10 @@ fn warnings(
         &filled.straight,
         "edges of tets stay straight on a curved surface, because a tet would fold",
     );
-    if let Some(thin) = TetFilling::thin(&filled.scaffold) {
-        let is_good = |s: &Scaffold| TetFilling::thin(s).is_none();
-        let helping = helping_cell(solid, options, filled.scaffold.len(), progress, is_good);
-        warnings.push(match helping {
-            Some(cell) => format!("{thin}; cell_size = {} has none", short_number(cell)),
-            None => format!("{thin}; a smaller cell_size may help"),
-        });
+    if let Some(message) = thin(&filled.scaffold) {
+        let is_good = |s: &Scaffold| thin(s).is_none();
+        let advice = advice(solid, options, &filled.scaffold, progress, is_good);
+        warnings.push(format!("{message}; {advice}"));
     }
     let outer = MeshSolid::new(outer_mesh(&filled.scaffold, CHORDAL_ERROR * cell)?);
     let surface: Vec<[Vec3; 3]> = solid.surface().map(|(c, _)| c).collect();
