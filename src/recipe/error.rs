@@ -13,7 +13,7 @@ pub enum Place {
         line: usize,
         /// Column in characters, from 1.
         column: usize,
-        /// The whole line.
+        /// The whole line; up to the bad byte where it is not UTF-8.
         text: String,
     },
     /// In an override: its text.

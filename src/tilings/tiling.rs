@@ -257,7 +257,8 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
                 boundary: MeshSolid::new(outer.mesh),
             });
         }
-        // A box of equal hexes along the axes has a faster kernel, if the cell is a short series and the band narrow.
+        // A box of equal hexes along the axes has a faster kernel, if the cell is a short series, the band narrow,
+        // its slope bounded and single precision enough, by rules P and Q.
         let hex_grid = filling
             .products()
             .and_then(|products| axis_aligned::HexGrid::new(scaffold, products, &patches, options));
@@ -267,7 +268,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
             let kernel = match (&hex_grid, filling.products()) {
                 (Some(_), _) => "products of sines: one box of equal hexes along the axes",
                 (None, Some(_)) => {
-                    "tables: the elements are no box of equal hexes along the axes, or the band is wide"
+                    "tables: no box of equal hexes along the axes, a wide band, exact distances or too few digits"
                 }
                 (None, None) => "tables: the cell is no short series of products of sines",
             };

@@ -22,7 +22,7 @@ pub(super) struct View {
 
 /// Share of the frame that is free on each side.
 const FRAME_MARGIN: f64 = 0.05;
-/// Half the angle of view of a perspective picture: 30 degrees over the larger side.
+/// Half the angle under which a perspective picture sees the sphere around the box: 30 degrees in all.
 const HALF_ANGLE: f64 = 15.0 * std::f64::consts::PI / 180.0;
 
 impl View {

@@ -14,7 +14,7 @@ pub struct Picture {
     pub height: usize,
     /// Direction from the part towards the eye, z up; any length.
     pub towards_eye: Vec3,
-    /// Perspective of 30 degrees, or parallel rays.
+    /// Perspective that sees the sphere around the solid under 30 degrees, or parallel rays.
     pub perspective: bool,
     /// Axis and world coordinate of a section plane; the part on the eye's side is not shown.
     pub cut: Option<(usize, f64)>,

@@ -2,8 +2,8 @@
 //!
 //! A ray may hit the cut face of a part, which is not a surface of the solid. There it is inside the solid and
 //! has hit the surface before, in this part or another. Hence the nearest hit over all parts is that of the
-//! whole solid, and a sample is lit if no part blocks its light. Near parts come first, and parts that no sample
-//! needs are not made.
+//! whole solid, and a sample is lit if no part blocks its light. Near parts come first (outer
+//! ones in the coarse view), and parts that no sample needs are not made.
 
 use super::camera::{View, corners};
 use super::error::VdbError;
@@ -21,7 +21,7 @@ pub struct SolidParts<'a, E> {
     pub boxes: &'a [Aabb],
     /// Makes the part of a box, with a layer of at least 2 voxels around it.
     pub make: &'a mut dyn FnMut(usize) -> Result<LevelSet, E>,
-    /// Called after each visit of a part, three times as often as there are parts.
+    /// Called after each visit of a part, three times as often as there are parts, or four in narrow pictures.
     pub visited: &'a dyn Fn(),
 }
 
@@ -49,7 +49,8 @@ pub fn render_parts<E: From<VdbError> + Send>(
             values: vec![f32::INFINITY; RAY_VALUES * view.size()[0] * view.size()[1]],
             session,
         };
-        // The coarse view shows only which samples have a hit; it needs no shadows.
+        // Of the coarse view only the box around its hits is used, without shadows. Outer parts come first: that box
+        // soon covers the others, which are then not made.
         if view.size()[0] < picture.width {
             for n in outermost_first(view, boxes) {
                 if !scene.covers(boxes[n]) {

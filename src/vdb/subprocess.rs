@@ -286,7 +286,8 @@ pub fn inspect(child: Command, path: &Path, limits: Limits) -> Result<FileInfo, 
 }
 
 /// Parent: starts the child, kills it at the time limit, and returns what it wrote if `out` is a pipe. A child that
-/// ends by itself with success is believed; any other end is an error of the file, or of a full temporary folder.
+/// ends by itself with success is believed; any other end is an error of the file, or of the machine: no thread, a full
+/// temporary folder, or too little memory for a sound file.
 fn run_child(
     mut child: Command,
     path: &Path,
@@ -331,6 +332,7 @@ fn run_child(
         }
         Some(status) if status.success() => Ok(text.ok().and_then(Result::ok).unwrap_or_default()),
         Some(status) if status.code() == Some(i32::from(EXIT_NO_THREADS)) => {
+            // The kind of error with which the system refuses a thread.
             Err(io(std::io::ErrorKind::WouldBlock.into()))
         }
         Some(status) if status.code() == Some(i32::from(EXIT_NO_COPY)) => {

@@ -12,7 +12,7 @@ use druse_solids::voxel_mask::{self, Bits};
 /// Statistics of the values of a grid.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Survey {
-    /// Number of active voxels of leaves plus active tiles.
+    /// Number of active voxels of leaves with finite values, plus such active tiles.
     pub active: u64,
     /// Number of those below zero.
     pub negative: u64,

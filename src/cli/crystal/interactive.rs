@@ -48,6 +48,7 @@ pub(super) fn run_session(
         let text = std::mem::take(&mut pending);
         match reply(text.trim(), interpreter, draw, intersections) {
             None => return Ok(()),
+            // With --json stdout is one object, which the caller writes.
             Some(answer) if session.json() || answer.is_empty() => {}
             Some(answer) => {
                 if writeln!(std::io::stdout(), "{}", terminal::lines(&answer)).is_err() {

@@ -56,7 +56,8 @@ impl PeriodResults<'_> {
         all
     }
 
-    /// A table of every number as CSV: quantity, row, column, value. The name of a derivative has its coefficient.
+    /// The effective properties with bounds and errors as CSV (the JSON has grids and load cases too): quantity, row,
+    /// column, value. The name of a derivative has its coefficient.
     /// Bounds and errors have a word as row, scalars nothing. For a planar period `bulk` is that of all six directions
     /// as in space, `bulk_bound` that of the plane.
     pub fn csv(&self) -> String {

@@ -172,7 +172,7 @@ impl Rule {
                 .map(|b| centre + (b - centre) / self.share)
                 .collect()),
             Operator::Omnitruncate => {
-                // Corner k is the intersection of edges 2k-2 and 2k, moved outward.
+                // Corner k is the intersection of edges 2k-2 and 2k, moved outward; an edge here is 2 u of the solid's.
                 let shift = base.mean_edge * self.shift_or_angle / (2.0 * self.share);
                 let moved = |k: usize| {
                     let i = (start + 2 * k) % n;
@@ -185,6 +185,7 @@ impl Rule {
                     .map(|k| crossing(moved((k + n / 2 - 1) % (n / 2)), moved(k), k))
                     .collect()
             }
+            // By +theta: face 0 of the closed solid runs the other way.
             Operator::Snub => Ok(base
                 .points
                 .iter()

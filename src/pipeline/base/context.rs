@@ -73,8 +73,8 @@ impl<'a> StageContext<'a> {
     }
 
     /// Samples a field into a level set: the whole solid, or the part in `region`, whose voxel (0, 0, 0) is then
-    /// the region's lowest. `name` is the stage in progress and errors. Returns the solid and the counts of the
-    /// sampling.
+    /// the region's lowest. `name` stands in errors, and in progress until sampling begins. Returns the solid
+    /// and the counts of the sampling.
     pub fn sample(&self, shape: &Shape, name: &str) -> Result<(LevelSet, BandStats), RunError> {
         let transform = self.transform()?;
         self.progress.stage(name, None);

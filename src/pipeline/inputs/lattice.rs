@@ -211,7 +211,7 @@ pub fn solid_picture(
         unit: LengthUnit::default(),
         voxel_size,
     };
-    // A picture has no recipe: unit and voxels are those of the file.
+    // A picture has no recipe, and all lengths stay in the unit of the file: the one here is not used.
     let context = StageContext::of_solid(session, scale, half_width);
     let reach = half_width * voxel_size;
     let shape = Shape {

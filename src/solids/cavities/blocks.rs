@@ -2,7 +2,7 @@
 //!
 //! A cell is a block near the surface, or a box of blocks far from it (`grid`). Basin 0 is the outside, with all void
 //! that is surely open. Only cells with other void are divided into basins; cells beside them give their faces alone,
-//! and the rest nothing (`Need`).
+//! and the rest nothing (`Need`). Depths, levels and distances are in voxels, at most the reach.
 
 use super::ascent::UNLABELLED;
 use super::basins::{Basin, BlockBasins, Edge, Face, Patch};
@@ -49,6 +49,7 @@ impl VoidGraph {
         // A step for each block that `needs` reads, and for each near cell; those not measured are done at once.
         progress.stage("cavities", Some((blocks.len() + near) as u64));
         let needs = open_void::needs(source, &grid, measure, task)?;
+        // The first cell of a grid is outside, where voxels are not counted.
         let mut graph = Self {
             basins: vec![Basin {
                 voxels: 0,

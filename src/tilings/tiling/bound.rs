@@ -2,8 +2,9 @@
 //!
 //! Three tests decide, the cheapest first: the value at a region's centre with the bound of the slope, the same in its
 //! eighths, and the range of the cell over the region's image in each element. A bound may be wider than the values,
-//! but never narrower: whatever lies beyond the band w counts as w. Lengths are in world units, values of F in units of
-//! the field.
+//! but never narrower: whatever lies beyond the band w counts as w; of several regions a decisive one stands for all,
+//! since the leaf is then sampled anyway. Rules Q and R: `distance_scale` and `exact`. Lengths are in world units,
+//! values of F in units of the field.
 
 use super::fill::with_affine_buffers;
 use super::locality::{LocalSearch, NEIGHBOUR_DISTANCE, NearElements};
