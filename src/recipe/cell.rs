@@ -67,9 +67,9 @@ pub struct CellSection {
     /// Seed of random cells to start from; without start they are all.
     #[cfg_attr(feature = "cli", arg(skip))]
     pub seed: Option<u64>,
-    /// Least width of walls and gaps of a target's cell, in reference lengths: the objective is the mean of those of
-    /// the cell eroded and dilated by half of it, by more where inscribed balls find it narrower, and a cell that falls
-    /// short is no result.
+    /// Least width of walls and gaps of a target's cell, in reference lengths: what is maximised counts for the
+    /// cell with its walls eroded too, gaps are kept open for balls of that width, and a cell that falls short is no
+    /// result.
     #[cfg_attr(feature = "cli", arg(skip))]
     pub min_feature: Option<Positive>,
     /// Cells of the palette whose trace on the faces a target's cell keeps, so that they meet.

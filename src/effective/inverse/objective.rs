@@ -120,6 +120,20 @@ impl Objective {
         &self.bounds
     }
 
+    /// The objective of a surface that is moved: what the target maximises, without its goals, which the surface
+    /// itself meets. A target that maximises nothing stays whole.
+    #[must_use]
+    pub(super) fn reward(&self) -> Self {
+        let mut own = self.clone();
+        if self.target.maximise.is_some() {
+            own.target = Target {
+                maximise: self.target.maximise,
+                ..Target::default()
+            };
+        }
+        own
+    }
+
     /// The objective with the goals of `target` moved by the error of properties that shares with wide interfaces
     /// give, against those of sharp voxels.
     #[must_use]

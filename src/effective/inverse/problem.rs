@@ -46,7 +46,8 @@ pub struct Problem<'a> {
     pub fraction: f64,
     /// How shares become moduli.
     pub interface: Interface,
-    /// By how many periods the surface is moved into the solid before it is evaluated: 0, or +- about half a feature.
+    /// Distances in periods by which the surface is moved into the solid before it is evaluated. The first has the
+    /// whole objective, the others only what it maximises.
     pub erosions: Vec<f64>,
     /// Where no solid may be.
     pub tube: Option<Tube>,
@@ -208,12 +209,14 @@ impl Problem<'_> {
         let Some(shape) = self.shape(unknowns, &direction) else {
             return Ok(None);
         };
-        let needs = Needs::of(self.objective.target());
+        let moved = self.objective.reward();
         let orbits = shape.field.len();
         let (mut by_field, mut by_level) = (vec![0.0; orbits], 0.0);
         let (mut total, mut first) = (0.0, None);
         let weight = 1.0 / self.erosions.len() as f64;
-        for (erosion, medium) in self.erosions.iter().zip(media) {
+        for ((n, erosion), medium) in self.erosions.iter().enumerate().zip(media) {
+            let objective = if n == 0 { self.objective } else { &moved };
+            let needs = Needs::of(objective.target());
             let shares = self.shares(&shape.field, shape.level, &direction, *erosion);
             let moduli: Vec<f64> = shares
                 .iter()
@@ -221,7 +224,7 @@ impl Problem<'_> {
                 .collect();
             let voxels = self.sampled.spread(&moduli);
             let effective = medium.effective(&voxels, needs, progress)?;
-            let Some(cost) = self.objective.cost(&effective) else {
+            let Some(cost) = objective.cost(&effective) else {
                 return Ok(None);
             };
             total += weight * cost.value;

@@ -13,7 +13,7 @@ use super::problem::{Evaluation, Interface, Problem};
 use super::samples::SampledBasis;
 use super::space::{self, Space};
 use super::start::{self, Start};
-use super::target::Miss;
+use super::target::{Miss, Property};
 use super::tube::Tube;
 use super::verify;
 use crate::homogenize::{Control, HomogenizeError};
@@ -27,12 +27,17 @@ const SEARCH_RESIDUAL: f64 = 1e-4;
 const CORRECTIONS: usize = 2;
 /// Corrections of a target with constraints, at most.
 const CONSTRAINED_CORRECTIONS: usize = 4;
-/// Opening that the first barrier and a correction aim at, over the least one.
-const OPENING_MARGIN: f64 = 1.005;
+/// Opening and width that a correction aims at, over the least ones.
+const MARGIN: f64 = 1.005;
 /// The least and the greatest radius of the barrier, over the least opening.
 const BARRIER_RADII: [f64; 2] = [0.95, 1.5];
-/// The greatest distance of the surface's moves, over half the least feature.
-const MAX_EROSION: f64 = 2.0;
+/// The least and the greatest distance that the surface is moved by, over half the least feature.
+const EROSIONS: [f64; 2] = [0.3, 2.0];
+/// The distance at first: of a wall that is as wide as wanted the rest stays, and carries load.
+const FIRST_EROSION: f64 = 0.6;
+/// Width of walls over the least feature above which a correction moves the surface by less.
+const MAX_EXCESS: f64 = 1.15;
+/// The key of the least width in messages.
 const FEATURE_KEY: &str = "min_feature";
 /// Part of the last stage's evaluations that each correction has.
 const CORRECTION_SHARE: f64 = 0.4;
@@ -51,7 +56,7 @@ struct Candidate {
     objective: Objective,
     /// Radius of the barrier that keeps the void open, over the least opening.
     barrier: f64,
-    /// Distance by which the surface is moved both ways, over half the least feature.
+    /// Distance by which the surface is moved, over half the least feature.
     erosion: f64,
 }
 
@@ -154,6 +159,13 @@ impl Prepared {
         // Distances are those of the period, whose tets are narrower than the reference one by 1 / sqrt(2) or 1/2.
         let scale = self.design.element.edge();
         let half = self.design.min_feature.map(|d| 0.5 * d / scale);
+        // Eroded, a solid loses what is narrower than twice the distance: such walls only cost volume. A void loses
+        // it dilated.
+        let side = if self.design.target.maximise == Some(Property::Permeability) {
+            -1.0
+        } else {
+            1.0
+        };
         Problem {
             sampled,
             space,
@@ -164,9 +176,16 @@ impl Prepared {
                 width: own.width / self.grids[stage] as f64,
                 power: own.power,
             },
-            erosions: half.map_or_else(|| vec![0.0], |h| vec![h, -h]),
+            erosions: half.map_or_else(|| vec![0.0], |h| vec![0.0, side * h]),
             tube: None,
         }
+    }
+
+    /// The least opening: the one that is wanted, or that a least feature leaves to a ball between two walls.
+    fn least_opening(&self) -> Option<f64> {
+        let gap = self.design.min_feature.map(|d| 0.5 * d);
+        let wanted = self.design.target.min_opening;
+        wanted.into_iter().chain(gap).reduce(f64::max)
     }
 
     /// The barrier around the ways through a candidate's void, where an opening is wanted.
@@ -176,7 +195,7 @@ impl Prepared {
         problem: &Problem,
         n: usize,
     ) -> Result<Option<Tube>, InverseError> {
-        let Some(least) = self.design.target.min_opening else {
+        let Some(least) = self.least_opening() else {
             return Ok(None);
         };
         let Some((coefficients, level)) = problem.placed(&candidate.unknowns) else {
@@ -323,8 +342,8 @@ impl Prepared {
                 any: None,
                 earlier: Vec::new(),
                 objective: self.objective.clone(),
-                barrier: OPENING_MARGIN,
-                erosion: 1.0,
+                barrier: MARGIN,
+                erosion: FIRST_EROSION,
             })
             .collect();
         let known = if earlier.is_none() {
@@ -426,14 +445,18 @@ impl Prepared {
                         candidate.objective =
                             self.objective.corrected(target, &best.effective, &found);
                         // The barrier gives way a little: it is moved by what the opening misses.
-                        if let (Some(least), Some(found)) = (target.min_opening, own.opening) {
-                            let moved = candidate.barrier * OPENING_MARGIN * least / found;
+                        if let (Some(least), Some(found)) = (self.least_opening(), own.opening) {
+                            let moved = candidate.barrier * MARGIN * least / found;
                             candidate.barrier = moved.clamp(BARRIER_RADII[0], BARRIER_RADII[1]);
                         }
-                        // What is too narrow must survive moves that are longer by as much.
-                        for miss in misses.iter().filter(|m| m.key == FEATURE_KEY) {
-                            let moved = candidate.erosion * miss.wanted / miss.found;
-                            candidate.erosion = moved.min(MAX_EROSION);
+                        // Walls that are too narrow must survive a move that is longer by as much, wide ones a
+                        // shorter one.
+                        if let (Some(least), Some(found)) =
+                            (self.design.min_feature, own.least_wall)
+                        {
+                            let moved = candidate.erosion * MARGIN * least / found;
+                            candidate.erosion = moved.clamp(EROSIONS[0], EROSIONS[1]);
+                            is_met &= found < MAX_EXCESS * least || moved <= EROSIONS[0];
                         }
                     }
                     Err(e) if e.is_cancelled() => return Ok(true),
@@ -474,41 +497,39 @@ impl Prepared {
         let mut nearest: Option<Vec<Miss>> = None;
         for candidate in all {
             let last = candidate.best.as_ref().or(candidate.any.as_ref());
-            let mut connected = None;
+            // The last cell of a candidate that is connected and meets the constraints: a correction may lose both.
             for evaluation in last.into_iter().chain(candidate.earlier.iter().rev()) {
                 let cell = self.cell(&evaluation.coefficients, evaluation.level, space)?;
                 match verify::check_connected(&cell, fine, watched) {
-                    Ok(()) => {
-                        connected = Some((evaluation, cell));
-                        break;
+                    Ok(()) => {}
+                    Err(e @ InverseError::Disconnected(_)) => {
+                        fault = e;
+                        continue;
                     }
-                    Err(e @ InverseError::Disconnected(_)) => fault = e,
                     Err(e) => return Err(e),
                 }
-            }
-            let Some((best, cell)) = connected else {
-                continue;
-            };
-            let (cost, properties) = if is_stopped {
-                (best.cost, None)
-            } else {
-                let (own, found) = self.figures(&cell, fine, progress)?;
-                let misses = self.misses(&own);
-                if !misses.is_empty() {
-                    let size = |all: &[Miss]| all.iter().map(Miss::size).fold(0.0, f64::max);
-                    if nearest.as_ref().is_none_or(|n| size(&misses) < size(n)) {
-                        nearest = Some(misses);
+                let (cost, properties) = if is_stopped {
+                    (evaluation.cost, None)
+                } else {
+                    let (own, found) = self.figures(&cell, fine, progress)?;
+                    let misses = self.misses(&own);
+                    if !misses.is_empty() {
+                        let size = |all: &[Miss]| all.iter().map(Miss::size).fold(0.0, f64::max);
+                        if nearest.as_ref().is_none_or(|n| size(&misses) < size(n)) {
+                            nearest = Some(misses);
+                        }
+                        continue;
                     }
-                    continue;
+                    let cost = self
+                        .objective
+                        .cost(&found)
+                        .map_or(f64::INFINITY, |c| c.value);
+                    (cost, Some(own))
+                };
+                if chosen.as_ref().is_none_or(|c| cost < c.0) {
+                    chosen = Some((cost, cell, candidate, properties));
                 }
-                let cost = self
-                    .objective
-                    .cost(&found)
-                    .map_or(f64::INFINITY, |c| c.value);
-                (cost, Some(own))
-            };
-            if chosen.as_ref().is_none_or(|c| cost < c.0) {
-                chosen = Some((cost, cell, candidate, properties));
+                break;
             }
         }
         let Some((cost, cell, candidate, properties)) = chosen else {

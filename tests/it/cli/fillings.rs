@@ -82,7 +82,7 @@ fn quality(tets: &[[Vec3; 10]]) -> (f64, usize) {
         let nodes = (0..4).map(|i| [i, i]).chain(EDGES);
         let mut all = nodes.map(|[i, j]| {
             let (a, b) = (corner(i)[0], corner(j)[0]);
-            jacobian(t, [0, 1, 2, 3].map(|k| (a[k] + b[k]) / 2.0))
+            jacobian(t, [0, 1, 2, 3].map(|k| f64::midpoint(a[k], b[k])))
         });
         all.any(|j| j <= 0.0)
     };

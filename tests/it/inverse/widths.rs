@@ -4,7 +4,7 @@ use super::{largest, short};
 use druse::cell::{Cell, Solid, Surface};
 use druse::field::Field;
 use druse::frame::{CellPoint, Element};
-use druse::inverse::{Design, InverseError, Property, widths};
+use druse::inverse::{Design, InverseError, Property, StartChoice, widths};
 use druse::progress::Silent;
 
 /// Voxels of the ruler along the period.
@@ -12,17 +12,17 @@ const N: usize = 32;
 /// Share of the wall's voxels that may be narrower: the first percentile, with half of it more for the ruler.
 const MAX_NARROW: f64 = 0.015;
 
-/// Share of the wall's voxels of a phase that no ball of a diameter in the phase holds.
-fn narrow_share(cell: &Cell, is_solid: bool, diameter: f64) -> f64 {
-    let at = |v: usize| [v / (N * N), v / N % N, v % N];
+/// Share of the wall's voxels of a phase that no ball of a diameter in the phase holds, on `n`^3 voxels.
+fn narrow_share(n: usize, cell: &Cell, is_solid: bool, diameter: f64) -> f64 {
+    let at = |v: usize| [v / (n * n), v / n % n, v % n];
     let value = |v: usize| {
-        let p = at(v).map(|j| (j as f64 + 0.5) / N as f64 - 0.5);
+        let p = at(v).map(|j| (j as f64 + 0.5) / n as f64 - 0.5);
         cell.expression().value(CellPoint(p.into()))
     };
-    let phase: Vec<bool> = (0..N * N * N)
+    let phase: Vec<bool> = (0..n * n * n)
         .map(|v| (value(v) < cell.level()) == is_solid)
         .collect();
-    let radius = 0.5 * diameter * N as f64;
+    let radius = 0.5 * diameter * n as f64;
     let reach = radius.floor() as i64;
     let mut ball = Vec::new();
     for m in 0..(2 * reach + 1).pow(3) {
@@ -34,8 +34,8 @@ fn narrow_share(cell: &Cell, is_solid: bool, diameter: f64) -> f64 {
     }
     let moved = |v: usize, off: [i64; 3]| {
         let from = at(v);
-        let [i, j, k] = [0, 1, 2].map(|a| (from[a] as i64 + off[a]).rem_euclid(N as i64) as usize);
-        (i * N + j) * N + k
+        let [i, j, k] = [0, 1, 2].map(|a| (from[a] as i64 + off[a]).rem_euclid(n as i64) as usize);
+        (i * n + j) * n + k
     };
     let mut is_held = vec![false; phase.len()];
     for v in 0..phase.len() {
@@ -87,10 +87,33 @@ fn a_design_has_the_width_that_it_reports() {
         "{wanted} {fine} {coarse}"
     );
     let voxel = 1.0 / N as f64;
-    let shares = [true, false].map(|s| narrow_share(&cell, s, wanted - 2.0 * voxel));
+    let shares = [true, false].map(|s| narrow_share(N, &cell, s, wanted - 2.0 * voxel));
     assert!(
         shares.iter().all(|s| *s < MAX_NARROW),
         "{wanted} {shares:?}"
+    );
+}
+
+#[test]
+fn a_width_is_met_that_the_free_design_misses() {
+    let design = |min_feature| Design {
+        min_feature,
+        start: StartChoice::Random,
+        seed: 3,
+        starts: 1,
+        ..short(largest(Property::Bulk), 0.3)
+    };
+    let made = |d: Design| d.prepare().unwrap().search(None, &Silent).unwrap().cell;
+    let free = made(design(None));
+    let [wall, gap] = widths(&free, 24).unwrap();
+    let wanted = 1.5 * wall.min(gap);
+    let cell = made(design(Some(wanted)));
+    let diameter = wanted - 1.0 / N as f64;
+    let shares = |cell| [true, false].map(|s| narrow_share(2 * N, cell, s, diameter));
+    let (free, own) = (shares(&free), shares(&cell));
+    assert!(
+        free.iter().any(|s| *s > MAX_NARROW) && own.iter().all(|s| *s < MAX_NARROW),
+        "{wall} {gap} {wanted} {free:?} {own:?}"
     );
 }
 
@@ -104,7 +127,7 @@ fn widths_of_named_surfaces_are_those_of_inscribed_balls() {
         let found = widths(&cell, 40).unwrap();
         for (is_solid, width) in [(true, found[0]), (false, found[1])] {
             let voxel = 1.0 / N as f64;
-            let share = narrow_share(&cell, is_solid, width - 2.0 * voxel);
+            let share = narrow_share(N, &cell, is_solid, width - 2.0 * voxel);
             assert!(share < MAX_NARROW, "{surface:?} {is_solid} {width} {share}");
         }
     }
