@@ -260,6 +260,7 @@ pub(super) fn make_items(p: &super::run::Parameters, session: &Session) -> Resul
             passed &= answer.passed();
             is_new
         };
+        // The line of progress of each item ends here.
         session.finish();
         made += usize::from(is_new);
         left += usize::from(!is_new);

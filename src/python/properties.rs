@@ -174,8 +174,8 @@ pub(crate) fn homogenize(
 ///
 /// # Errors
 /// Invalid arguments, a search without a connected cell, a file that cannot be written, and any exception of `progress`
-/// or of a signal handler. After such an exception `save` holds the best cell so far, whose report has
-/// `design.complete` = false; a cell that is returned is always complete.
+/// or of a signal handler. After such an exception `save` holds the best connected cell so far, if there was
+/// one, whose report has `design.complete` = false; a cell that is returned is always complete.
 #[pyfunction]
 #[pyo3(signature = (name, section_toml, matched_cells, earlier, save, progress=None))]
 pub(crate) fn design(

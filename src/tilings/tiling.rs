@@ -215,8 +215,8 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
         Self::from_ref(scaffold, FillingRef::Owned(Box::new(filling)), options)
     }
 
-    /// Prepares each element and the boundary of each component, and finds the kernel that fits. A level of the log
-    /// names the kernel that was chosen.
+    /// Prepares each element and the boundary of each component, and finds the kernel that fits. At level debug the
+    /// log names the kernel that was chosen.
     fn from_ref(
         scaffold: &'a Scaffold,
         filling: FillingRef<'a, F>,

@@ -132,6 +132,7 @@ impl LevelSet {
     /// [`VdbError::Cancelled`], or errors of OpenVDB.
     pub fn check(&self, session: Session<'_>) -> Result<LevelSetCheck, VdbError> {
         let leaves = self.leaves()?;
+        // Components of the void need the tiles of the void.
         let index = LeafIndex::new(self, &leaves, TileChoice::All)?;
         let (h, background) = (self.voxel_size() as f32, self.background() as f32);
         let progress = session.progress;

@@ -167,8 +167,8 @@ mod bridge {
 
         /// Registers the grid types; may be called again.
         fn initialize() -> Result<()>;
-        /// Once memory (or threads) run out, writes `words` to stderr and `json` to stdout, and ends the process. For a
-        /// program.
+        /// Once memory (or threads) run out, writes `words` to stderr and `json` to stdout, and ends the process, as a
+        /// program may and a library may not.
         fn end_on_exhaustion(is_of_threads: bool, words: &str, json: &str, code: i32);
         /// An empty level set; world units.
         fn grid_new(voxel_size: f64, background: f32) -> Result<UniquePtr<Grid>>;
@@ -371,7 +371,7 @@ mod bridge {
         /// World units, cubed and squared.
         fn grid_volume(grid: &Grid, host: &Host<'_>) -> Result<f64>;
         fn grid_area(grid: &Grid, host: &Host<'_>) -> Result<f64>;
-        /// `path` as bytes.
+        /// `path` as bytes; `delayed` reads leaves when they are first needed.
         fn file_open(path: &[u8], delayed: bool) -> Result<UniquePtr<FileIn>>;
         fn version(self: &FileIn) -> u32;
         fn writer(self: &FileIn) -> Result<String>;

@@ -74,8 +74,8 @@ enum Plan {
 
 /// A fog whose greatest value lies in this range has densities from 0 to 1.
 const FULL_FOG: [f32; 2] = [0.9, 1.1];
-/// The density of a level set made a fog rises evenly: the ninth decile of its slopes is at most this much more than
-/// the median. Where walls are thin, many slopes are less.
+/// The density of a level set made a fog rises evenly: the ninth decile of its slopes is at most this many times the
+/// median. Where walls are thin, many slopes are less.
 const EVEN_SLOPE: f64 = 1.15;
 /// Least width of such a ramp, voxels. A narrower one is the edge of a smoothed mask, with the surface in its middle.
 const MIN_RAMP: f64 = 1.8;

@@ -102,7 +102,7 @@ impl LevelSet {
         let voxels =
             (0..index.leaves.len()).map(|leaf| (leaf, found.selected_in(leaf, &is_removed)));
         let mut edit = Removal::new(self, &index, side, voxels).edit();
-        // Members of the sets after the parts are the tiles, in the same order.
+        // `component_of` lists the components of all parts of leaves, then those of the tiles.
         for (n, tile) in index.tiles.iter().enumerate() {
             let component = found.ranking.component_of[found.first_tile + n];
             if is_removed.get(component) == Some(&true) {

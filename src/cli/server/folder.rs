@@ -3,8 +3,8 @@
 
 use std::path::{Path, PathBuf};
 
-/// The path of a plain name within a directory (empty: the working directory); links that lead out of it are
-/// refused. The file need not exist.
+/// The path of a plain name within a directory (empty: the working directory); links that lead out of it, or
+/// into a folder in it, are refused. The file need not exist.
 ///
 /// # Errors
 /// What was found and expected.

@@ -147,12 +147,12 @@ impl BrickPlan {
             };
             found.push(message.to_owned());
         }
-        let scale = (self.voxel_size, self.half_width) != (voxel_size, half_width);
+        let is_scale_new = (self.voxel_size, self.half_width) != (voxel_size, half_width);
         // Voxels follow from the recipe and its inputs. A difference that is already named explains
         // them.
-        if scale && found.is_empty() {
+        if is_scale_new && found.is_empty() {
             found.push(format!(
-                "the recipe has voxels of {voxel_size} and a half width of {half_width}"
+                "the recipe has voxels of {voxel_size} and a half width of {half_width} voxels"
             ));
         }
         found

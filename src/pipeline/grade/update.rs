@@ -188,8 +188,8 @@ impl Grading<'_> {
     }
 
     /// The new grading: for `limit` as the target of the measure where no mass is requested, else for the target that
-    /// gives the mass, which is the present one by default. The errors are bounds out of order, a measure of 0
-    /// throughout, and a mass that the bounds or the greatest step exclude.
+    /// gives the mass, which is the present one by default. The errors are bounds out of order, and a mass that
+    /// the bounds or the greatest step exclude.
     pub fn update(&self, update: &Update) -> Result<NewGrading, RunError> {
         let refuse = |message: String| Err(RunError::Tiling(message));
         let [low, high] = update.bounds;
@@ -211,9 +211,6 @@ impl Grading<'_> {
         }
         let wanted = update.mass.unwrap_or(1.0) * self.solid(self.fraction);
         let greatest = measure.iter().fold(0.0f64, |m, v| m.max(*v));
-        if greatest == 0.0 {
-            return refuse("the measure is 0 in all elements; expected results of a load".into());
-        }
         // The mass falls as the target rises. Nine decades on both sides hold all targets that bounds and step do
         // not cut off.
         let mut ends = [greatest * 1e-9, greatest * 1e9];

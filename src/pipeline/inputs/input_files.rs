@@ -209,6 +209,7 @@ impl<'a> InputFiles<'a> {
         let unit = file.unit.map(|u| u.0).or(read.unit);
         let recipe = self.recipe.unit();
         let mesh = mapped_mesh(&read.mesh, file, unit, recipe);
+        // `factor` scales the radii of beams, as `map` their ends.
         let factor = unit.map_or(1.0, |u| u.to(recipe)) * file.transform.scale.0;
         let map = frame_map(file, unit, recipe);
         let clip = |mesh| self.repaired(key, mesh, &path);

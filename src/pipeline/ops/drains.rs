@@ -1,5 +1,5 @@
 //! The operation `drain`: cylindrical channels with round ends from cavities to the outside, so that powder or
-//! resin can leave. A run in memory calls `apply`; a run in bricks calls the steps before it one by one.
+//! resin can leave. A run in memory calls `apply`; a run in bricks calls the steps one by one.
 
 use crate::field::{Capsule, Union, WorldField};
 use crate::frame::{Aabb, Coord, Vec3};

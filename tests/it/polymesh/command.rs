@@ -126,7 +126,10 @@ fn a_conversation_goes_on_after_errors_and_undoes() {
     // The input ends in an open block.
     let done = druse(place.path(), &["--interactive"], "cube\nrepeat 2 {\nkis");
     let out = text(&done.stdout);
-    assert!(out.contains("error: ") && out.contains('{'), "{out}");
+    assert!(
+        out.contains("error: line 2: no step is called \"kis\""),
+        "{out}"
+    );
 }
 
 /// A request to the page of `--view`; gives the answer's first line and text.

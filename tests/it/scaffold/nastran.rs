@@ -381,9 +381,9 @@ fn included_files_stand_beside_the_deck() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::create_dir(dir.path().join("parts")).unwrap();
     let grids = TET10.lines().take(4).collect::<Vec<_>>().join("\n");
-    std::fs::write(dir.path().join("parts/g.bdf"), grids).unwrap();
-    std::fs::write(dir.path().join("parts/all.dat"), "include g.bdf\n").unwrap();
-    let deck = "SOL 101\nCEND\nINCLUDE 'case.txt'\nBEGIN BULK\nINCLUDE 'parts/\nall.dat' $ both\nCTETRA,1,1,1,2,3,4\n";
+    std::fs::write(dir.path().join("parts/übrig.bdf"), grids).unwrap();
+    std::fs::write(dir.path().join("parts/größe.dat"), "include übrig.bdf\n").unwrap();
+    let deck = "SOL 101\nCEND\nINCLUDE 'case.txt'\nBEGIN BULK\nINCLUDE 'parts/\ngröße.dat' $ both\nCTETRA,1,1,1,2,3,4\n";
     let path = dir.path().join("a.bdf");
     std::fs::write(&path, deck).unwrap();
     let file = read_scaffold(&path).unwrap_or_else(|e| panic!("{e}"));

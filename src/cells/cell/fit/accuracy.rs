@@ -307,7 +307,8 @@ fn numerical_gradient(target: &Target, x: Vec3) -> (f64, Vec3) {
 }
 
 /// Sampled one-sided distances; `None` if either function has no surface.
-/// In reference lengths. Where the source's values are distances, so are taken the target's; a mean is only near one.
+/// In reference lengths. Where the source's values are distances, those of the target count as such, though a mean of
+/// images is only near a distance.
 fn hausdorff(
     cell: &Cell,
     target: &Target,

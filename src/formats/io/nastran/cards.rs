@@ -28,6 +28,8 @@ pub(super) struct Cards {
     source: Source,
     /// The first line of the next card.
     next_line: Option<String>,
+    /// Within a quoted name of a file.
+    is_in_name: bool,
 }
 
 /// A physical line in parts.
@@ -48,10 +50,12 @@ impl Cards {
         Ok(Self {
             source: Source::open(path)?,
             next_line: None,
+            is_in_name: false,
         })
     }
 
-    /// The next line with content: without comments, tabs expanded, non-ASCII characters replaced.
+    /// The next line with content: without comments, tabs expanded, non-ASCII characters replaced outside names
+    /// of files: fields are columns of bytes.
     fn line(&mut self) -> Result<Option<String>, ReadError> {
         if let Some(line) = self.next_line.take() {
             return Ok(Some(line));
@@ -62,20 +66,23 @@ impl Cards {
             if line.trim().is_empty() {
                 continue;
             }
-            let mut ascii = String::with_capacity(line.len());
+            let word = line.trim_start().get(.."INCLUDE".len());
+            let is_name =
+                self.is_in_name || word.is_some_and(|w| w.eq_ignore_ascii_case("INCLUDE"));
+            let mut kept = String::with_capacity(line.len());
             for c in line.chars() {
                 match c {
                     '\t' => {
-                        ascii.push(' ');
-                        while !ascii.len().is_multiple_of(8) {
-                            ascii.push(' ');
+                        kept.push(' ');
+                        while !kept.len().is_multiple_of(8) {
+                            kept.push(' ');
                         }
                     }
-                    c if c.is_ascii() && !c.is_ascii_control() => ascii.push(c),
-                    _ => ascii.push('?'),
+                    c if (c.is_ascii() || is_name) && !c.is_control() => kept.push(c),
+                    _ => kept.push('?'),
                 }
             }
-            return Ok(Some(ascii));
+            return Ok(Some(kept));
         }
         Ok(None)
     }
@@ -156,7 +163,10 @@ impl Cards {
                 name.truncate(end);
                 return Ok(name);
             }
-            match self.line()? {
+            self.is_in_name = true;
+            let line = self.line()?;
+            self.is_in_name = false;
+            match line {
                 Some(line) => name.push_str(line.trim()),
                 None => break,
             }
