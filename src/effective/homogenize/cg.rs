@@ -223,7 +223,7 @@ mod tests {
     use super::*;
     use druse_geometry::progress::Silent;
 
-    /// K = diag(1, `last`) with P = 1, under the load (1, 2).
+    /// K = diag(1, 4) with P = 1, under the load (1, 2); `apply` takes `last` for 4.
     struct Diagonal {
         last: f64,
     }
@@ -234,7 +234,7 @@ mod tests {
         }
 
         fn residual(&self, u: &[f64], r: &mut [f64]) {
-            r.copy_from_slice(&[1.0 - u[0], 2.0 - self.last * u[1]]);
+            r.copy_from_slice(&[1.0 - u[0], 2.0 - 4.0 * u[1]]);
         }
 
         fn precondition(&mut self, r: &[f64], z: &mut [f64]) {
@@ -264,8 +264,8 @@ mod tests {
             (u[0] - 1.0).abs() < 1e-5 && (u[1] - 0.5).abs() < 1e-5,
             "{u:?}"
         );
+        // The first residual is finite, the second is not.
         assert!(run(f64::NAN).is_err());
-        // K p overflows at the second step.
         assert!(run(f64::INFINITY).is_err());
     }
 }

@@ -204,7 +204,7 @@ fn vertex<'a>(
     soup: &mut Soup,
     annotations: &mut Annotations,
 ) -> Result<(), ReadError> {
-    let mut numbers = [0.0; 7];
+    let mut numbers = [0.0; 6];
     let mut count = 0;
     // Reading ends at a comment or the first word that is no number in range.
     for word in words.take_while(|w| w[0] != b'#') {
@@ -212,7 +212,7 @@ fn vertex<'a>(
             break;
         };
         if let Some(place) = numbers.get_mut(count) {
-            // Numbers beyond the seventh are only counted.
+            // Numbers beyond the sixth are only counted.
             *place = x;
         }
         count += 1;
@@ -225,13 +225,12 @@ fn vertex<'a>(
     }
     soup.vertices
         .push(Vec3::new(numbers[0], numbers[1], numbers[2]));
-    // The last three of six or seven are a colour; a fourth before them or alone is a weight of free forms.
+    // The fourth to sixth are a colour (a seventh is its opacity); a fourth alone is a weight, which only free forms use.
     if count >= 6 {
-        let first = count.min(7) - 3;
         annotations
             .vertex_colors
             .resize(soup.vertices.len() - 1, None);
-        let tint = mtl::rounded([numbers[first], numbers[first + 1], numbers[first + 2]]);
+        let tint = mtl::rounded([numbers[3], numbers[4], numbers[5]]);
         annotations.vertex_colors.push(Some(tint));
     }
     Ok(())

@@ -410,7 +410,8 @@ impl CellTiling {
         for i in 0..count {
             for j in i + 1..count {
                 let [own, other] = [i, j].map(|n| self.palette[n].cells[0].operators());
-                // Classes of components are those under the symmetries of both cells.
+                // Classes of components are those under the symmetries of both cells. The entries of operators are
+                // rounded by the lattice that they come from.
                 let is_shared = |a: &&Mat3| other.iter().any(|b| (*a - b).norm() < 1e-9);
                 let operators: Vec<Mat3> = own.iter().filter(is_shared).copied().collect();
                 if let TransitionCheck::Broken { weight } =

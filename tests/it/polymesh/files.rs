@@ -169,9 +169,8 @@ fn groups_can_come_from_colours_objects_and_vertices() {
     let tinted = tinted
         .replace("v 1 0 0\n", "v 1 0 0 1 0 0\n")
         .replace("v 0 1 0\n", "v 0 1 0 1 0 0\n");
-    // A colour comes after the weight of a free form too.
-    let weighted = tinted.replace("v 0 0 1 0 0 1", "v 0 0 1 1 0 0 1");
-    for vertices in [tinted, weighted] {
+    let opaque = tinted.replace("v 0 0 1 0 0 1", "v 0 0 1 0 0 1 1");
+    for vertices in [tinted, opaque] {
         let loaded = by(
             &format!("{vertices}f 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"),
             GroupBy::Material,

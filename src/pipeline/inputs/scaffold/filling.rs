@@ -14,7 +14,7 @@ const WORTH_A_WARNING: f64 = 0.1;
 const MAX_VOLUME_ERROR: f64 = 0.005;
 /// Quality (that of `druse scaffold info`) below which tets are named: a mean ratio of 0.1, to the power 3/2.
 const POOR: f64 = 0.0316;
-/// Quality below which tets are refused: a mean ratio of 0.01, since the quality is its power 3 / 2.
+/// Quality from which down tets are refused: a mean ratio of 0.01, likewise.
 const MIN_QUALITY: f64 = 0.001;
 /// Quality of tets that count as flat: no rounding is larger.
 const NO_VOLUME: f64 = 1e-7;
@@ -121,7 +121,7 @@ fn refused(scaffold: &Scaffold) -> Option<String> {
             format!("of quality {}", short_number(found.quality))
         };
         format!(
-            "found {} tets that are too thin, the worst {worst} at ({}); expected {MIN_QUALITY} or more",
+            "found {} tets that are too thin, the worst {worst} at ({}); expected more than {MIN_QUALITY}",
             found.count,
             place_figures(found.place)
         )
