@@ -14,7 +14,7 @@ pub(super) struct Page<'a> {
     pub report: &'a Value,
     /// PNG of the part.
     pub picture: Option<Vec<u8>>,
-    /// Text of the recipe.
+    /// Text of the recipe, if its file is still that of the run.
     pub recipe: Option<String>,
 }
 
@@ -343,13 +343,12 @@ impl Page<'_> {
         table(&["file", "size", "unit", "BLAKE3"], &rows)
     }
 
-    /// The commands that repeat the run, and the recipe.
+    /// The commands that repeat the run, and the recipe. A recipe whose keys `--set` changed does not repeat it.
     fn again(&self) -> String {
-        let recipe = self.report["recipe"].as_str().unwrap_or_default();
-        let mut lines = Vec::new();
-        if !recipe.is_empty() {
-            lines.push(format!("druse run {}", escaped(recipe)));
-        }
+        let command = |path: &str| format!("druse run {}", escaped(&quoted(path)));
+        let recipe = self.report["recipe"].as_str();
+        let recipe = recipe.filter(|_| self.recipe.is_some()).map(command);
+        let mut lines = Vec::from_iter(recipe);
         let volume = self.list("outputs").iter().find_map(|o| {
             let path = o["path"].as_str().filter(|p| {
                 std::path::Path::new(p)
@@ -360,7 +359,7 @@ impl Page<'_> {
         });
         let mut out = String::new();
         if let Some(path) = volume {
-            lines.push(format!("druse run {}", escaped(path)));
+            lines.push(command(path));
             out.push_str(
                 "<p>The .vdb carries the recipe and the hashes of its inputs; its run is repeated and the content \
                  hashes are compared.</p>",
@@ -412,6 +411,15 @@ impl Page<'_> {
         );
         out
     }
+}
+
+/// A path as one word of a shell.
+fn quoted(path: &str) -> String {
+    let is_plain = |c: char| c.is_alphanumeric() || "/._-".contains(c);
+    if path.chars().all(is_plain) {
+        return path.to_owned();
+    }
+    format!("'{}'", path.replace('\'', r"'\''"))
 }
 
 /// Both corners of a box; `None` where the report has none.
