@@ -5,12 +5,12 @@
 
 use super::context::Session;
 use super::failure::Failure;
-use super::output::Answer;
+use super::output::{Answer, require_output};
 use crate::frame::Element;
 use crate::homogenize::{
     Control, HomogenizeError, Isotropic, Packing, Properties, Settings, compliance,
 };
-use crate::io::atomic::{require_writable, write_bytes};
+use crate::io::atomic::write_bytes;
 use crate::pipeline;
 use crate::pipeline::{CellPeriod, PropertyOptions, Warning};
 use crate::progress::Threads;
@@ -162,8 +162,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
         (&p.pareto, &["png"]),
     ] {
         if let Some(path) = path {
-            check_extension(path, extensions)?;
-            require_writable(path)?;
+            require_output(path, extensions)?;
         }
     }
     // These keep the solutions, which need more memory.
@@ -171,7 +170,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     if let Some(fault) = pipeline::resolution_fault(p.resolution, &settings, keeps) {
         return Err(Failure::usage(format!("--resolution: {fault}")));
     }
-    let mut source = threads.install(|| source(p, &threads, session))?;
+    let mut source = threads.install(|| period(p, &threads, session))?;
     for Warning { code, message } in std::mem::take(&mut source.warnings) {
         session.warn_of(code, message)?;
     }
@@ -242,23 +241,9 @@ fn settings(p: &Parameters) -> Result<Settings, Failure> {
     })
 }
 
-/// Refuses an output without one of some extensions.
-fn check_extension(path: &Path, known: &[&str]) -> Result<(), Failure> {
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
-    if known.iter().any(|k| extension.eq_ignore_ascii_case(k)) {
-        return Ok(());
-    }
-    let known: Vec<String> = known.iter().map(|k| format!(".{k}")).collect();
-    Err(Failure::usage(format!(
-        "found the output {}; expected a name with the extension {}",
-        path.display(),
-        known.join(" or ")
-    )))
-}
-
 /// The period (repeating box) that the arguments name: of a recipe's cell, of struts as round beams, or of a
 /// fitted cell.
-fn source(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPeriod, Failure> {
+fn period(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPeriod, Failure> {
     let packing = match p.tets {
         Tets::Bcc => Packing::Bcc,
         Tets::Kuhn => Packing::Kuhn,
@@ -285,6 +270,7 @@ fn source(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPe
     } else {
         p.cell.to_string_lossy().into_owned()
     };
+    // A hybrid is no round beams.
     if flags.hybrid().is_none() {
         let (section, element) = super::fit::section(&p.cell, &flags)?;
         if !matches!(element, Element::Hex | Element::Quad | Element::Tet) {
@@ -299,6 +285,7 @@ fn source(p: &Parameters, threads: &Threads, session: &Session) -> Result<CellPe
             return Ok(found);
         }
     }
+    // All that are no beams are fitted.
     flags.section = None;
     let (cell, warnings) = super::fit::make(&name, &p.cell, &flags, threads, session)?;
     pipeline::cell_period(cell, packing, warnings).map_err(|e| super::fit::of_input(e, &p.cell))
@@ -362,7 +349,7 @@ fn one(
         } else {
             format!("{:#}\n", found.json())
         };
-        written.push((path, write_bytes(path, text.as_bytes())?));
+        written.push((&**path, write_bytes(path, text.as_bytes())?));
     }
     if p.modulus.is_some() || p.picture.is_some() {
         // Young's modulus along n is 1 / (n n : S : n n), with the compliance S.
@@ -373,29 +360,15 @@ fn one(
         })?;
         if let Some(path) = &p.modulus {
             let table = output::modulus_table(&inverse);
-            written.push((path, write_bytes(path, table.as_bytes())?));
+            written.push((&**path, write_bytes(path, table.as_bytes())?));
         }
         if let Some(path) = &p.picture {
             let (title, lines) = found.caption();
             let image = pipeline::modulus_picture(&inverse, &title, &lines);
-            written.push((path, write_bytes(path, &image.png()?)?));
+            written.push((&**path, write_bytes(path, &image.png()?)?));
         }
     }
-    let mut text = found.text();
-    let mut facts = found.json();
-    let mut files = Vec::new();
-    for (path, bytes) in written {
-        let shown = path.display().to_string();
-        let _ = writeln!(
-            text,
-            "{}  {}",
-            super::terminal::line(&shown),
-            super::numbers::size(bytes)
-        );
-        files.push(serde_json::json!({ "path": shown, "bytes": bytes }));
-    }
-    facts["files"] = files.into();
-    Ok(Answer::new(text, facts))
+    Ok(with_files(found.text(), found.json(), &written))
 }
 
 /// Warns of disconnected phases and of beams that the grid of `n` voxels does not resolve; `level` is that of the

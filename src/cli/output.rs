@@ -2,10 +2,13 @@
 //! text and object goes to stdout.
 
 use super::context::Session;
+use super::failure::Failure;
 use super::terminal;
+use crate::io::atomic::require_writable;
 use serde_json::Value;
 use std::io;
 use std::io::Write;
+use std::path::Path;
 
 /// The result of a command.
 pub(super) struct Answer {
@@ -58,6 +61,20 @@ impl Answer {
             _ => self.code,
         }
     }
+}
+
+/// Refuses an output without one of some extensions, or that cannot be written.
+pub(super) fn require_output(path: &Path, known: &[&str]) -> Result<(), Failure> {
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+    if known.iter().any(|k| extension.eq_ignore_ascii_case(k)) {
+        return Ok(require_writable(path)?);
+    }
+    let known: Vec<String> = known.iter().map(|k| format!(".{k}")).collect();
+    Err(Failure::usage(format!(
+        "found the output {}; expected a name with the extension {}",
+        path.display(),
+        known.join(" or ")
+    )))
 }
 
 /// Writes bytes to stdout at once.

@@ -4,10 +4,10 @@
 use super::context::Session;
 use super::failure::Failure;
 use super::kind::FileKind;
-use super::output::Answer;
+use super::output::{Answer, require_output};
 use crate::cell::Cell;
 use crate::frame::Transform;
-use crate::io::atomic::{require_writable, write_bytes};
+use crate::io::atomic::write_bytes;
 use crate::io::{ElementFile, read_cell, read_elements, read_mesh, read_solid};
 use crate::mesh::TriMesh;
 use crate::recipe::{Cut, PictureSize};
@@ -68,13 +68,7 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
 fn one_picture(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     let threads = super::context::threads(p.threads)?;
     let tools = vdb::Session::new(&threads, session);
-    if p.output.extension().is_none_or(|e| e != "png") {
-        let found = p.output.display();
-        return Err(Failure::usage(format!(
-            "found the output {found}; expected a name with the extension .png"
-        )));
-    }
-    require_writable(&p.output)?;
+    require_output(&p.output, &["png"])?;
     let columns = pipeline::contact_sheet_columns(p.files.len());
     let rows = p.files.len().div_ceil(columns);
     // The requested size is that of the whole sheet; many pictures keep 16 pixels each.

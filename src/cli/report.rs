@@ -3,9 +3,9 @@
 
 use super::context::Session;
 use super::failure::Failure;
-use super::output::Answer;
+use super::output::{Answer, require_output};
 use crate::io::ReadError;
-use crate::io::atomic::{require_writable, write_bytes};
+use crate::io::atomic::write_bytes;
 use clap::Args;
 use page::Page;
 use serde_json::{Value, json};
@@ -35,13 +35,7 @@ pub(super) struct Parameters {
 
 /// Writes the page of a run's report. Any JSON without the keys of a report is refused: its page would be empty.
 pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
-    if p.output.extension().is_none_or(|e| e != "html") {
-        let found = p.output.display();
-        return Err(Failure::usage(format!(
-            "found the output {found}; expected a name with the extension .html"
-        )));
-    }
-    require_writable(&p.output)?;
+    require_output(&p.output, &["html"])?;
     let path = &p.report;
     let bytes = std::fs::read(path).map_err(|e| ReadError::io(path, e))?;
     let report: Value = serde_json::from_slice(&bytes).map_err(|e| {

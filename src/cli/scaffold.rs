@@ -35,25 +35,7 @@ enum What {
         output: Option<PathBuf>,
     },
     /// Fill a closed mesh or a part of CAD with tets that keep its edges and corners, and show their quality.
-    Make {
-        /// The part: a closed mesh (.stl .obj .ply .off .3mf), or .step, .iges, .brep, which the program gmsh meshes.
-        part: PathBuf,
-        /// The scaffold to write (.msh or .vtu).
-        #[arg(short, long, value_name = "X.msh")]
-        output: PathBuf,
-        /// Edge of a tet, as in 5mm; a bare number is in the part's unit.
-        #[arg(long, value_name = "LENGTH")]
-        cell_size: crate::recipe::Size,
-        /// 1 for straight tets, 2 for curved ones [default: 2 where the surface is curved].
-        #[arg(long, value_parser = clap::value_parser!(u32).range(1..=2))]
-        order: Option<u32>,
-        /// Unit of the part's numbers [default: the file's, else mm].
-        #[arg(long)]
-        unit: Option<crate::frame::LengthUnit>,
-        /// Also write a picture of the scaffold.
-        #[arg(long, value_name = "X.png")]
-        picture: Option<PathBuf>,
-    },
+    Make(super::scaffold_make::MakeFlags),
     /// Check that a mesh can be tiled and its elements conform; for a recipe also that its field is continuous
     /// across all shared faces. Exit code 1 if the check fails.
     Check {
@@ -63,9 +45,9 @@ enum What {
         /// the elements make its cells continue, the edges around which they do not.
         #[arg(short, long, value_name = "X.vtu")]
         output: Option<PathBuf>,
-        /// For a recipe: maximum accepted jump of the value, over the range of the field.
-        #[arg(long, value_name = "SHARE", default_value_t = 1e-5)]
-        tolerance: f64,
+        /// For a recipe: maximum accepted jump of the value, over the range of the field [default: 1e-5].
+        #[arg(long, value_name = "SHARE")]
+        tolerance: Option<f64>,
         /// Override a key of the recipe, as in tiling.cell=octet.
         #[arg(long, value_name = "KEY=VALUE")]
         set: Vec<String>,
@@ -83,24 +65,9 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             }
             Ok(Answer::new(text, facts))
         }
-        What::Make {
-            part,
-            output,
-            cell_size,
-            order,
-            unit,
-            picture,
-        } => {
-            let made = super::scaffold_make::Made {
-                part,
-                output,
-                size: *cell_size,
-                order: *order,
-                unit: *unit,
-                picture: picture.as_deref(),
-            };
-            made.write(session)?;
-            let (text, facts) = describe(output)?;
+        What::Make(flags) => {
+            flags.write(session)?;
+            let (text, facts) = describe(&flags.output)?;
             Ok(Answer::new(text, facts))
         }
         What::Check {
@@ -108,11 +75,19 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
             output,
             tolerance,
             set,
+        } => {
             // A recipe is checked as a tiling, another file as a mesh of elements.
-        } if file.extension().is_some_and(|e| e == "toml") => {
-            certificate(file, output.as_deref(), *tolerance, set, session)
-        }
-        What::Check { file, .. } => {
+            if file.extension().is_some_and(|e| e == "toml") {
+                let tolerance = tolerance.unwrap_or(1e-5);
+                return certificate(file, output.as_deref(), tolerance, set, session);
+            }
+            if output.is_some() || tolerance.is_some() || !set.is_empty() {
+                let message =
+                    "found --output, --tolerance or --set with a mesh; expected a recipe for these";
+                let hint =
+                    "druse scaffold info MESH -o X.vtu writes the elements with their quality";
+                return Err(Failure::usage(message).hint(hint));
+            }
             let (mut text, facts) = describe(file)?;
             let is_empty = |key: &str| {
                 let list = facts[key].as_array();

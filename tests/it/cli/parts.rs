@@ -100,6 +100,10 @@ fn a_mesh_becomes_a_sound_scaffold() {
         );
         let checked = place.run(&["scaffold", "check", output]);
         assert!(checked.status.success(), "{}", text(&checked.stdout));
+        for flag in ["-o=x.vtu", "--tolerance=1", "--set=tiling.cell=c"] {
+            let refused = place.run(&["scaffold", "check", output, flag]);
+            assert_eq!(refused.status.code(), Some(2), "{flag}");
+        }
     }
     for (size, word) in [("3vx", "voxels"), ("0", "positive"), ("1e-7", "nodes")] {
         let made = place.run(&[
