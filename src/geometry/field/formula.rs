@@ -55,7 +55,7 @@ enum Step {
 /// | `step smoothstep mix clamp` | `step(edge, x)`: 1 from `edge` on; `smoothstep(from, to, x)`; `mix(a, b, t)`:
 /// a + (b - a) t; `clamp(x, least, greatest)` |
 /// | `ramp` | `ramp(from, to, x)`: 0 at `from` and before, 1 at `to` and beyond, linear in between; may fall |
-/// | `noise` | `noise(x, y, z)`: smooth, between -1 and 1, features of size one, deterministic |
+/// | `noise` | `noise(x, y, z)`: smooth, between -1.04 and 1.04, features of size one, deterministic |
 /// | `min max hypot` | two or more |
 ///
 /// The text is compiled once to a stack program; an evaluation takes some nanoseconds per operation.

@@ -292,6 +292,8 @@ fn impossible_voxels_are_refused_with_place_and_need() {
     assert!(error.to_string().contains("[2, 3, 4]"), "{error}");
     let shape = Voxels::new(&[8, 8, 4], vec![0.0; 256], false);
     assert!(matches!(shape, Err(VoxelError::Shape(_))));
+    let small = Voxels::new(&[3, 3], vec![1.0; 9], false).unwrap_err();
+    assert!(small.to_string().contains("to 16384 in a square"));
     let void = Voxels::new(&[8, 8], vec![1.0; 64], false);
     assert!(matches!(void, Err(VoxelError::OneSided("void"))));
     let source = Source::voxels(

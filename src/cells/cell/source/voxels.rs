@@ -21,7 +21,9 @@ pub enum VoxelError {
     #[error("an array of shape {0:?}; expected [N, N, N] or [N, N]")]
     Shape(Vec<usize>),
     /// Too few or too many samples.
-    #[error("{0} samples along an axis; expected {MIN_SAMPLES_PER_AXIS} to 645")]
+    #[error(
+        "{0} samples along an axis; expected {MIN_SAMPLES_PER_AXIS} to 645, or to 16384 in a square"
+    )]
     Count(usize),
     /// A value that is not finite.
     #[error("voxel {index:?} is {value}; expected finite numbers")]
@@ -62,7 +64,7 @@ pub struct Voxels {
 impl Voxels {
     /// Voxels from an array of shape [N, N, N] or [N, N], its last axis fastest. Scalar values are negative
     /// in the solid; binary values are nonzero there.
-    /// N is the same along all axes, 4 to 645 in space. The first axis is x.
+    /// N is the same along all axes, 4 to 645 in space and 4 to 16384 in a plane. The first axis is x.
     ///
     /// # Errors
     /// [`VoxelError`].

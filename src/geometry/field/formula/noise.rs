@@ -2,7 +2,7 @@
 //!
 //! Every point of the integer lattice has a gradient from a hash of its coordinates. Between the eight surrounding
 //! points, the linear functions with these gradients are blended with t^3 (6 t^2 - 15 t + 10), which makes the noise
-//! twice differentiable (Perlin, *Improving Noise*, 2002). It vanishes at the lattice points and lies between -1 and 1.
+//! twice differentiable (Perlin, *Improving Noise*, 2002). It vanishes at the lattice points; |noise| < 1.037.
 
 /// A hash of a number, the final mix of splitmix64; close numbers have unrelated hashes.
 fn hash(mut v: u64) -> u64 {
