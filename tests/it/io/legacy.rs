@@ -41,6 +41,7 @@ fn tetrahedron(is_binary: bool) -> Vec<u8> {
     } else {
         b"0 1 1 0".to_vec()
     };
+    let colours: [&[u8]; 2] = [b"1 1 1 1 0 0.5 0 1", &[255; 8]];
     let form = if is_binary { "Binary" } else { "Ascii" };
     let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
     let force = [1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 3.0, 0.0, 0.0, 4.0, 0.0, 0.0];
@@ -66,6 +67,10 @@ fn tetrahedron(is_binary: bool) -> Vec<u8> {
         (
             "Scalars temperature float\nLookup_Table default".into(),
             floats(&[1.0, 2.0, 3.0, 4.0]),
+        ),
+        (
+            "Lookup_Table mine 2".into(),
+            colours[usize::from(is_binary)].to_vec(),
         ),
         (
             "FIELD more 2\nnames 1 4 string".into(),
@@ -148,4 +153,7 @@ fn polygons_have_keywords_in_any_case() {
         "{:?}",
         read.warnings
     );
+    let unknown = format!("{upper}EDGE_DATA 2\n");
+    let warnings = read_mesh(file(&place, "x.vtk", unknown)).unwrap().warnings;
+    assert_eq!(warnings[0], "all data from \"EDGE_DATA 2\" on; left out");
 }

@@ -329,6 +329,13 @@ impl File {
                     self.metadata()?;
                     continue;
                 }
+                ("LOOKUP_TABLE", [name, n]) => {
+                    // Four parts of each colour: bytes, in text shares.
+                    let part = ["float", "unsigned_char"][usize::from(self.binary)];
+                    let count = self.count(n, 1, "colours")?.saturating_mul(4);
+                    self.array(name, part, count)?;
+                    continue;
+                }
                 ("SCALARS" | "GLOBAL_IDS" | "PEDIGREE_IDS", [name, scalar]) => (name, scalar, 1),
                 ("SCALARS", [name, scalar, n]) => (name, scalar, self.count(n, 1, "components")?),
                 ("VECTORS" | "NORMALS", [name, scalar]) => (name, scalar, 3),
@@ -352,7 +359,11 @@ impl File {
                     }
                     continue;
                 }
-                _ => return Ok(()),
+                _ => {
+                    let note = format!("all data from {} on; left out", quote(&line));
+                    self.notes.push(note);
+                    return Ok(());
+                }
             };
             let (name, scalar, components) = known;
             let Some(at) = at else {

@@ -14,7 +14,7 @@ use crate::io::error::{Place, ReadError};
 use crate::io::scalar::Scalar;
 use crate::io::source::{Source, quote};
 use crate::io::unpack_limit::Allowance;
-use data::{Appended, Format};
+use data::{Appended, Damage, Format};
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 use std::borrow::Cow;
@@ -389,13 +389,7 @@ impl<'a> Document<'a> {
                 None => Err("an offset without appended data".into()),
             },
         };
-        let bytes = bytes.map_err(|found| {
-            // The limit on unpacked sizes protects from small files that unpack to very large ones.
-            let expected = if found.contains("unpacks to") {
-                Allowance::EXPECTED_SIZE
-            } else {
-                "undamaged data"
-            };
+        let bytes = bytes.map_err(|Damage(found, expected)| {
             self.bad(array.byte, format!("array {what}: {found}"), expected)
         })?;
         let size = array.scalar.size();

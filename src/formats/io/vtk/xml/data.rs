@@ -9,8 +9,15 @@ use crate::io::unpack_limit::Allowance;
 use flate2::read::ZlibDecoder;
 use std::io::Read;
 
-/// A description of damaged data.
-pub(super) type Damage = String;
+/// Damaged data: what was found, and what is expected in its place.
+#[derive(Debug)]
+pub(super) struct Damage(pub String, pub &'static str);
+
+impl<T: Into<String>> From<T> for Damage {
+    fn from(found: T) -> Self {
+        Self(found.into(), "undamaged data")
+    }
+}
 
 /// The layout of a file's binary arrays.
 #[derive(Clone, Copy, Debug)]
@@ -166,10 +173,8 @@ impl Format {
                 .get(..length)
                 .map(<[u8]>::to_vec)
                 .ok_or_else(|| {
-                    format!(
-                        "a length of {length} bytes where {} are left",
-                        data.len() - head
-                    )
+                    let left = data.len() - head;
+                    format!("a length of {length} bytes where {left} are left").into()
                 });
         }
         let blocks = self.count(data, 0)?;
@@ -187,7 +192,7 @@ impl Format {
         let whole = (blocks - 1).saturating_mul(block_size).saturating_add(rest);
         allowance
             .take("data", whole as u64)
-            .map_err(|e| e.found().to_owned())?;
+            .map_err(|e| Damage(e.found().to_owned(), Allowance::EXPECTED_SIZE))?;
         let mut bytes = Vec::new();
         // Each block is a zlib stream of its own.
         for block in 0..blocks {
@@ -210,10 +215,8 @@ impl Format {
                 .read_to_end(&mut bytes)
                 .map_err(|e| format!("block {block}: {e}"))?;
             if bytes.len() - before != size {
-                return Err(format!(
-                    "block {block} of {} bytes, not {size}",
-                    bytes.len() - before
-                ));
+                let found = bytes.len() - before;
+                return Err(format!("block {block} of {found} bytes, not {size}").into());
             }
         }
         Ok(bytes)
@@ -242,7 +245,7 @@ fn base64(text: &[u8]) -> Result<Vec<u8>, Damage> {
                 0
             }
             c if c.is_ascii_whitespace() => continue,
-            c => return Err(format!("the character {:?} in base64", char::from(c))),
+            c => return Err(format!("the character {:?} in base64", char::from(c)).into()),
         };
         if padding > 0 && c != b'=' && count > 0 {
             return Err("padding inside a group of base64".into());
