@@ -77,7 +77,8 @@ impl Tiling {
     /// Calls a function with the field of the tiling; the edge of a voxel and the half width are world units.
     fn with_field<R>(
         &self,
-        (voxel_size, half_width): (f64, f64),
+        voxel_size: f64,
+        half_width: f64,
         use_field: impl FnOnce(&WorldField<'_>) -> R,
     ) -> Result<R, Fault> {
         let options = TilingOptions {
@@ -211,7 +212,7 @@ impl Tiling {
             };
             // Faults of cells that do not fit the scaffold appear here, whatever the voxel: one as large as an element.
             let edge = tiling.scaffold.stretch().1;
-            tiling.with_field((edge, edge), |_| ())?;
+            tiling.with_field(edge, edge, |_| ())?;
             Ok(tiling)
         })
     }
@@ -226,7 +227,7 @@ impl Tiling {
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let points = arrays::positions(&points).map_err(|e| e.raise(py))?;
         let found = session::work(py, None, |session| {
-            self.with_field((voxel_size, half_width), |field| {
+            self.with_field(voxel_size, half_width, |field| {
                 let at = |&p: &[f64; 3]| {
                     if session.progress.cancelled() {
                         return f64::NAN;
@@ -249,7 +250,7 @@ impl Tiling {
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<LevelSet> {
         session::work(py, progress, |session| {
-            self.with_field((voxel_size, half_width * voxel_size), |field| {
+            self.with_field(voxel_size, half_width * voxel_size, |field| {
                 let band = Band {
                     half_width,
                     ..Band::new(field, self.scaffold.bounds(), voxel_size)?

@@ -46,7 +46,8 @@ pub(super) fn bound(id: MeshId, region: &Aabb, make: impl FnOnce() -> Interval) 
 /// ones. Returns the number of samples that `make` measures.
 pub(super) fn fill(
     id: MeshId,
-    (lattice, max_distance): (&SampleLattice<WorldPoint>, f64),
+    lattice: &SampleLattice<WorldPoint>,
+    max_distance: f64,
     out: &mut [f32],
     make: impl FnOnce(&mut [f32]) -> u64,
 ) -> u64 {

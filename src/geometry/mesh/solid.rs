@@ -257,8 +257,8 @@ impl MeshSolid {
         self.precision.signed(d, self.contains(p))
     }
 
-    /// Signed distances of a lattice's samples that are nearer than `max_distance`; other samples get a value
-    /// of the correct sign and at least this magnitude. Returns the number of measured samples.
+    /// Signed distances of a lattice's samples that are nearer than `max_distance`, at least the step; other samples
+    /// get a value of the correct sign and at least this magnitude. Returns the number of measured samples.
     fn fill_band(
         &self,
         lattice: &SampleLattice<WorldPoint>,
@@ -463,8 +463,7 @@ impl Field for MeshSolid {
     }
 
     fn fill(&self, lattice: &SampleLattice<WorldPoint>, out: &mut [f32]) {
-        let all = (lattice, f64::INFINITY);
-        last_results::fill(self.id, all, out, |out| {
+        last_results::fill(self.id, lattice, f64::INFINITY, out, |out| {
             self.fill_band(lattice, f64::INFINITY, out)
         });
     }
@@ -480,7 +479,7 @@ impl Field for MeshSolid {
         };
         // Distances of less than a step show that samples have the sign of their neighbours.
         let max_distance = f64::from(high.max(-low)).max(lattice.step);
-        last_results::fill(self.id, (lattice, max_distance), out, |out| {
+        last_results::fill(self.id, lattice, max_distance, out, |out| {
             self.fill_band(lattice, max_distance, out)
         })
     }

@@ -107,7 +107,8 @@ impl<F: Filling> TiledSolid<'_, F> {
     /// Values of one component among affine elements, cut at its boundary; `depth` bounds the distance to it.
     pub(super) fn fill_affine(
         &self,
-        (component, near): (usize, &NearElements),
+        component: usize,
+        near: &NearElements,
         request: &FillRequest,
         (depth, boundary_triangles): (Interval, Option<&[u32]>),
         buffers: &mut AffineBuffers,
@@ -142,7 +143,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                     continue;
                 };
                 let own = self.part_depth(&whole, &part, depth);
-                self.add_part(&whole, &part, (own, wanted), buffers, out);
+                self.add_part(&whole, &part, own, wanted, buffers, out);
             }
             self.fill_parts(&whole, buffers, out);
             buffers.block_spans = block_spans;
@@ -162,7 +163,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 near: &candidates,
                 ..whole
             };
-            self.add_part(&context, &part, (own, wanted), buffers, out);
+            self.add_part(&context, &part, own, wanted, buffers, out);
             self.fill_parts(&context, buffers, out);
         }
         buffers.candidates = candidates;
@@ -199,12 +200,12 @@ impl<F: Filling> TiledSolid<'_, F> {
         if lattice_depth.hi <= -self.options.half_width {
             return lattice_depth;
         }
-        let around = (context.boundary_triangles, &*context.near.patches);
         self.boundary_range(
             context.component,
             &part.span(context.lattice),
             lattice_depth,
-            around,
+            context.boundary_triangles,
+            &context.near.patches,
         )
     }
 
@@ -213,7 +214,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         &self,
         context: &FillContext,
         part: &PartOfLattice,
-        (depth, wanted): (Interval, Interval),
+        depth: Interval,
+        wanted: Interval,
         buffers: &mut AffineBuffers,
         out: &mut [f32],
     ) {
@@ -325,7 +327,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 // The field is far, but the boundary may still cut single samples.
                 let known = context.region_facts(part);
                 for n in bits(u64::from(block.sample_mask)) {
-                    let cut = self.cut_sample(context, d, (block, n), known);
+                    let cut = self.cut_sample(context, d, block, n, known);
                     out[context.storage_index(block, n)] = cut as f32;
                 }
             }
@@ -337,7 +339,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             for group in
                 numbers[..undecided.count_ones() as usize].chunks(MAX_SAMPLES / BLOCK_VOLUME)
             {
-                self.fill_group(context, (blocks, group), buffers, out);
+                self.fill_group(context, blocks, group, buffers, out);
             }
         }
         buffers.blocks = all;
@@ -349,7 +351,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         &self,
         context: &FillContext,
         d: f64,
-        (block, n): (&Block, usize),
+        block: &Block,
+        n: usize,
         known: RegionFacts,
     ) -> f64 {
         if known.is_deep || !self.is_cut() {
@@ -362,7 +365,8 @@ impl<F: Filling> TiledSolid<'_, F> {
     fn fill_group(
         &self,
         context: &FillContext,
-        (blocks, group): (&[Block], &[usize]),
+        blocks: &[Block],
+        group: &[usize],
         buffers: &mut AffineBuffers,
         out: &mut [f32],
     ) {
@@ -397,7 +401,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             .iter()
             .map(|&n| parts[blocks[n].part()].wanted)
             .fold(Interval::new(0.0, 0.0), Interval::hull);
-        self.evaluate_rule_q((context.near, near_indices), batch, wanted, samples);
+        self.evaluate_rule_q(context.near, near_indices, batch, wanted, samples);
         *evaluations += u64::from(samples.owned.count_ones());
         for (number, &n) in group.iter().enumerate() {
             let block = &blocks[n];
@@ -414,7 +418,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 let index = context.storage_index(block, n);
                 if owned >> n & 1 != 0 {
                     let d = samples.distances.d(first + n);
-                    out[index] = self.cut_sample(context, d, (block, n), known) as f32;
+                    out[index] = self.cut_sample(context, d, block, n, known) as f32;
                     continue;
                 }
                 *has_unproved_sign = true;

@@ -143,7 +143,8 @@ impl<F: Filling> TiledSolid<'_, F> {
             component,
             &around,
             Interval::REAL_LINE,
-            (boundary_triangles, &near.patches),
+            boundary_triangles,
+            &near.patches,
         );
         // Far from the boundary, and where the scaffold does not overlap itself, F is continuous and L bounds its
         // slope. A value that exceeds the band by more than L times the layer has the sign of the layer.
@@ -181,12 +182,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             let depth = if N == 1 || depth.hi <= -w || depth.lo >= w {
                 depth
             } else {
-                self.boundary_range(
-                    component,
-                    region,
-                    depth,
-                    (boundary_triangles, &near.patches),
-                )
+                self.boundary_range(component, region, depth, boundary_triangles, &near.patches)
             };
             if self.is_cut() && depth.lo >= w {
                 continue;

@@ -148,7 +148,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         component: usize,
         region: &Aabb,
         wider: Interval,
-        (boundary_triangles, near): (Option<&[u32]>, &[u32]),
+        boundary_triangles: Option<&[u32]>,
+        near: &[u32],
     ) -> Interval {
         let boundary = &self.components[component].boundary;
         let (centre, radius) = (region.centre().0, region.half_diagonal());

@@ -207,8 +207,13 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
         self.find_near(component, &span.dilated(reach), self.margin(), near);
         let boundary_triangles = self.is_cut().then_some(&**boundary_triangles);
-        let around = (boundary_triangles, &*near.patches);
-        let whole_depth = self.boundary_range(component, &span, Interval::REAL_LINE, around);
+        let whole_depth = self.boundary_range(
+            component,
+            &span,
+            Interval::REAL_LINE,
+            boundary_triangles,
+            &near.patches,
+        );
         if self.is_cut() && whole_depth.lo >= wanted.hi {
             out.fill(w as f32);
             return false;
@@ -227,7 +232,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             && self.are_affine(near)
         {
             let boundary = (whole_depth, boundary_triangles);
-            self.fill_affine((component, near), request, boundary, affine, out);
+            self.fill_affine(component, near, request, boundary, affine, out);
             return affine.are_signs_proved();
         }
         local.reset_for_f32();
@@ -240,7 +245,7 @@ impl<F: Filling> TiledSolid<'_, F> {
             let depth = if whole_depth.hi <= deep_distance {
                 whole_depth
             } else {
-                self.boundary_range(component, &region, whole_depth, (boundary_triangles, &[]))
+                self.boundary_range(component, &region, whole_depth, boundary_triangles, &[])
             };
             let is_deep = depth.hi <= deep_distance;
             part_triangles.clear();

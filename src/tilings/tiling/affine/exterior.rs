@@ -91,12 +91,17 @@ impl<F: Filling> TiledSolid<'_, F> {
                     buffers.near_indices.push(near_index);
                 }
             }
-            let near = (context.near, &*buffers.near_indices);
             let wanted = exterior
                 .iter()
                 .map(|sample| buffers.parts[sample.part].wanted)
                 .fold(Interval::new(0.0, 0.0), Interval::hull);
-            self.evaluate_rule_q(near, &buffers.batch, wanted, &mut buffers.samples);
+            self.evaluate_rule_q(
+                context.near,
+                &buffers.near_indices,
+                &buffers.batch,
+                wanted,
+                &mut buffers.samples,
+            );
             buffers.evaluations += u64::from(buffers.samples.owned.count_ones());
             // d = max(d_F, d_S); a closest point that rounding puts into no element is evaluated alone.
             for n in bits(buffers.batch.active) {

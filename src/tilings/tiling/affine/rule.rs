@@ -115,7 +115,8 @@ impl<F: Filling> TiledSolid<'_, F> {
     /// `wanted`, which contains 0, only get their side.
     pub(super) fn evaluate_rule_q(
         &self,
-        (near, near_indices): (&NearElements, &[u32]),
+        near: &NearElements,
+        near_indices: &[u32],
         batch: &SampleBatch,
         wanted: Interval,
         evaluation: &mut BatchEvaluation,

@@ -32,16 +32,6 @@ struct AxisCache {
     along: Vec<[Axis; 3]>,
 }
 
-impl AxisCache {
-    /// An empty cache.
-    fn new(key: (u64, f64, InstructionSet)) -> Self {
-        Self {
-            key,
-            along: vec![[Axis::EMPTY_AXIS; 3]; CACHED_LEAVES],
-        }
-    }
-}
-
 thread_local! {
     static AXIS_CACHE: Cell<Option<AxisCache>> = Cell::default();
 }
@@ -55,7 +45,10 @@ pub(super) fn fill(
 ) {
     let key = (scales.id(), leaves.step, simd::instruction_set());
     let cached = AXIS_CACHE.take().filter(|axes| axes.key == key);
-    let mut axes = cached.unwrap_or_else(|| AxisCache::new(key));
+    let mut axes = cached.unwrap_or_else(|| AxisCache {
+        key,
+        along: vec![[Axis::EMPTY_AXIS; 3]; CACHED_LEAVES],
+    });
     simd::run(LeavesKernel {
         field,
         scales,

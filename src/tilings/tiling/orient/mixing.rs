@@ -59,7 +59,7 @@ pub(super) fn mixture(
     // By element and class of turn the weights at the corners; other nodes keep the own turn.
     let mut weights: BTreeMap<u32, BTreeMap<u8, [f64; 8]>> = BTreeMap::new();
     for (&node, star) in &stars {
-        for (&(element, class), w) in &node_weights(search, turns, (node, star))? {
+        for (&(element, class), w) in &node_weights(search, turns, node, star)? {
             let own_class = search.class(element as usize, turns[element as usize]);
             let corners = &turned[&element];
             let by_class = weights.entry(element).or_insert_with(|| {
@@ -114,7 +114,8 @@ pub(super) fn mixture(
 fn node_weights(
     search: &Search,
     turns: &[u8],
-    (node, star): (u32, &[u32]),
+    node: u32,
+    star: &[u32],
 ) -> Option<BTreeMap<Sheet, f64>> {
     let mut sheets: Vec<Sheet> = Vec::new();
     for &e in star {
