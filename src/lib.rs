@@ -52,4 +52,4 @@ pub use druse_solids::slice;
 #[doc(inline)]
 pub use druse_tilings::{band, beams, mesher, scaffold, tiling};
 
-use druse_geometry::union_find;
+use druse_geometry::union_find; // for `vdb`

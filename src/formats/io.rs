@@ -1,4 +1,5 @@
-//! Readers and writers of files, one module per format; outputs appear atomically.
+//! Readers and writers of files; outputs appear atomically. `mesh_file`, `polymesh` and `scaffold` choose a reader by
+//! the extension: a new format is an arm there. Each format has a module; others (`source`, `tokens`, ...) are shared.
 //!
 //! Readers take a path and return the object with the file's metadata. Every failure is a [`ReadError`]: it
 //! gives the file, the place, what was found, what was expected, and often a hint. Counts in a header are

@@ -425,7 +425,8 @@ pub(super) fn run(
     }
     let brick_run = BrickRun::new(inputs, plan, directory, threads, timer.progress);
     let bricks = budget::brick_bytes(inputs, brick_run.plan.leaf_bytes);
-    let total_bytes = bricks.saturating_add(estimate::disk(inputs, brick_run.plan.leaf_bytes));
+    let total_bytes =
+        bricks.saturating_add(estimate::disk_of_bricks(inputs, brick_run.plan.leaf_bytes));
     let existing_bytes = size_of(&brick_run.directory);
     let disk_check = check_disk(
         &brick_run.directory,

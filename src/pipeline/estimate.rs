@@ -136,7 +136,7 @@ pub(super) fn shortage_error(
 
 /// Bytes of all outputs of a run in bricks with leaf files of `leaf_bytes`, and of their temporary
 /// files.
-pub(super) fn disk(inputs: &Inputs, leaf_bytes: u64) -> u64 {
+pub(super) fn disk_of_bricks(inputs: &Inputs, leaf_bytes: u64) -> u64 {
     // In the file an active voxel has 4 bytes, beside the fixed part of its leaf.
     let active = leaf_bytes as f64 / (4.0 + rates::LEAF_FILE_BYTES / VOXELS_PER_LEAF);
     let counts = Counts {

@@ -56,9 +56,9 @@ pub struct Beams {
 
 /// Classification of a leaf's samples.
 enum LeafContent {
-    /// All samples, and the layer around them, are at least the background.
+    /// All samples are at least the background; the layer around them then has their sign, see [`is_settled`].
     Outside,
-    /// All samples, and the layer around them, are at most minus the background.
+    /// All samples are at most minus the background, likewise.
     Inside,
     /// The values are written.
     Values,
@@ -217,7 +217,7 @@ impl Beams {
 
     /// Values of a leaf of 8^3 samples moved outwards by `by`, at most the background; [`LeafBits::from_values`] clamps
     /// them below. All lengths are in world units, and `origin` is the first sample. `out` is set only for
-    /// [`LeafContent::Values`]; `scratch` keeps the parts of the last leaf.
+    /// [`LeafContent::Values`]; `scratch` has buffers, which each leaf overwrites.
     fn leaf(
         &self,
         origin: Vec3,
@@ -231,7 +231,8 @@ impl Beams {
         let half = (LEAF_EDGE - 1) as f64 / 2.0;
         let centre = origin.add_scalar(half * step);
         let radius = (half * 3f64.sqrt() + ROUNDING_MARGIN) * step;
-        // Parts within the background of a moved sample give its value; a fillet reaches farther by its radius.
+        // Parts within the background of a moved sample give its value; a fillet reaches farther by its radius, and
+        // needs true distances up to it even where the surface is moved inwards.
         let reach = if self.fillet > 0.0 {
             (background + by).max(0.0) + self.fillet
         } else {
@@ -250,7 +251,7 @@ impl Beams {
             scratch.near.push(&self.parts[slot as usize], centre);
         }
         let at: [f32; LEAF_EDGE] = std::array::from_fn(|n| ((n as f64 - half) * step) as f32);
-        // No part beyond `reach` is collected: samples that no part lowers are out of the band.
+        // No part beyond `reach` is collected: samples that no part lowers are out of the band, and beyond all fillets.
         out.fill((background + by).max(self.fillet) as f32);
         rows::lower_to_distances(&scratch.near, &at, &at, &at, out);
         // Fillets lower values near corners between parts. The clamp comes after them.
@@ -435,7 +436,7 @@ impl Field for Beams {
         }
         let mut scratch = Scratch::new();
         let (mut kept, mut evaluated) = (0, 0);
-        // A leaf without band is not kept: the next one takes its place.
+        // A leaf without band has bits alone: the values of the next one take their place.
         for (n, origin) in leaves.origins.iter().enumerate() {
             let values = &mut leaves.values[kept];
             leaves.bits[n] =

@@ -341,6 +341,7 @@ pub(super) fn pick_for_view(
             } = reading;
             let grid = ffi::file_coarse(bytes, own_name, max_voxels, threads, &mut step)
                 .map_err(damaged)?;
+            // None for what is no level set, or small enough to be read as it is.
             if !grid.is_null() {
                 return Ok(ViewGrid {
                     is_averaged: true,

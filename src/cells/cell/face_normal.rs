@@ -155,7 +155,8 @@ pub(super) fn projected<const D: usize>(
     rows
 }
 
-/// Largest |n . grad Phi| at 60 points of each bounding plane of an element; between them it may be a little larger.
+/// Largest |n . grad Phi|, per reference length, at 60 points of each bounding plane of an element; between them it may
+/// be a little larger.
 pub fn residual<const D: usize>(series: &Series<D>, element: Element) -> f64 {
     let corners: Vec<SVector<f64, D>> = element
         .vertices()

@@ -142,8 +142,8 @@ impl TierBuilder<'_> {
                     .map(|i| defined(intersection_direction(plane(i), plane(after(i))), i))
                     .collect::<Result<_, _>>()?
             }
-            // The planes through the edges from b_i to the slope vertices, each at the dihedral angle to the
-            // first tier's face.
+            // The planes through the edges from b_i to the slope vertices, each at the dihedral angle to the first
+            // tier's face, whose normal into the new solid is minus the outward; edges run counter-clockwise about it.
             TierRule::LowEdgePlane => {
                 let low = self.placed_tier(0);
                 starts = base.points.clone();

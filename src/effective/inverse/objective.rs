@@ -134,8 +134,9 @@ impl Objective {
         own
     }
 
-    /// The objective with the goals of `target` moved by the error of properties that shares with wide interfaces
-    /// give, against those of sharp voxels.
+    /// The objective with its goals moved by the error of the interface: from the properties `wide`, of shares of solid
+    /// that change over several voxels (see `density`), to those of `sharp` voxels. Goals start from those requested,
+    /// `target`, so that corrections do not add up; of this objective only the bounds are kept.
     #[must_use]
     pub fn corrected(&self, target: &Target, wide: &Effective, sharp: &Effective) -> Self {
         let flow_error = (wide.permeability / sharp.permeability)

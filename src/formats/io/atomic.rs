@@ -171,8 +171,8 @@ impl AtomicFile {
             needed,
             error: plain(error),
         };
-        // The content is on the disk before the name, and the name before the directory: after a power
-        // failure the target is the old file or the whole new one.
+        // The content is on the disk before it gets its name, and the name when this returns: after a power failure the
+        // target is the old file or the whole new one.
         match sink {
             Sink::Direct(file) => {
                 sync_special(file.get_ref()).map_err(failed)?;

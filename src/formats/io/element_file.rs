@@ -1,6 +1,7 @@
 //! What a file of elements holds: a scaffold or a surface, its groups and its fields.
 //!
-//! These are types only. Lengths are in the unit of the file; a unit that it states is not kept here.
+//! Types, the extensions, and the error of a file without solids. Lengths are in the unit of the file; a unit that it
+//! states is not kept here.
 
 use super::error::{Place, ReadError};
 use druse_geometry::frame::Aabb;

@@ -91,6 +91,7 @@ fn assign_groups(draft: &mut Draft, annotations: &Annotations, path: &Path, opti
             }
         }
     }
+    // By the options, only where they ask for colours.
     replace_by_colors(&mut group_words, &material_colors, options);
     draft.number(&group_words);
 }

@@ -225,6 +225,7 @@ impl QuadMesh {
             let count = if quad[2] == quad[3] { 1 } else { 2 };
             triangles.extend(both.into_iter().take(count).map(|t| (t, n as u32)));
         }
+        // Pairs of quads, whose numbers the triangles have.
         let pairs = meeting_pairs(&Soup::uncut(&triangles), progress)?;
         let corners = pairs.as_flattened().iter();
         let corners = corners.flat_map(|&n| self.quads()[n as usize]);

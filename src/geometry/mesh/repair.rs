@@ -79,6 +79,7 @@ struct Oriented {
     mesh: TriMesh,
     merged: TriMesh,
     sides: HalfEdges,
+    /// Its long triangles may be cut into pieces for the search tree, which changes times and no result.
     soup: Soup,
     shells: Shells,
     measured: Vec<ShellMeasures>,

@@ -33,6 +33,7 @@ pub(super) fn deck(
     let mut cubes = deck::cubes(context, recipe, output)?;
     for brick in 0..bricks.len() {
         let region = bricks.region(brick);
+        // Its voxels have the numbers that they have in the whole, whose voxel (0, 0, 0) is at the origin.
         let with_halo = part(context, store, region.grown(HALO), Coord([0; 3]))?;
         cubes
             .add(&with_halo, Some(region), context.session())

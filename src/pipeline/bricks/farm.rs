@@ -130,7 +130,7 @@ pub fn merge_bricks(
     timer.end_stage("inputs")?;
     let bricks = brick_bytes(&inputs, brick_run.plan.leaf_bytes);
     let remaining = bricks.saturating_sub(size_of(&brick_run.directory));
-    let files = estimate::disk(&inputs, brick_run.plan.leaf_bytes);
+    let files = estimate::disk_of_bricks(&inputs, brick_run.plan.leaf_bytes);
     let output_directory = outputs.files.first().and_then(|(_, path)| path.parent());
     let output_directory = nearest_existing(output_directory.unwrap_or(Path::new(".")));
     check_disks(

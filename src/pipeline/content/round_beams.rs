@@ -171,7 +171,8 @@ fn shape_parts(
             names.join(", ")
         )));
     }
-    // A thickness without a unit is in reference lengths and overrides the graph's radii.
+    // A thickness without a unit is in reference lengths and overrides the graph's radii; one with a unit is applied in
+    // space, by `sized_parts`.
     let own_radius = section.thickness.and_then(|t| match t.0 {
         Length::Bare(t) => Some(t / 2.0),
         _ => None,

@@ -110,7 +110,8 @@ impl CellCache {
 }
 
 /// All that a cell before its level depends on: its keys, and size and time of its files. `None` for cells of crystals,
-/// which depend on other sections, and where the system does not tell the time of a file.
+/// which depend on other sections, and where the system does not tell the time of a file. Hybrids and targets, which
+/// also do, never come here.
 fn key(
     reader: &SourceReader,
     name: &str,

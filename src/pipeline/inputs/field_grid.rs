@@ -42,12 +42,13 @@ impl FieldGrid {
         let unit = unit_of(&volume, file.unit.map(|u| u.0));
         let outward = frame_map(file, Some(unit), files.recipe.unit());
         // The frame is affine: its images of 0 and of the axes give its matrix, whose inverse leads from
-        // points to voxels.
+        // points to the file's coordinates.
         let origin = outward(Vec3::zeros());
         let matrix =
             Mat3::from_columns(&[Vec3::x(), Vec3::y(), Vec3::z()].map(|e| outward(e) - origin));
         let info = volume.info();
         let map = info.index_map();
+        // A grid without active voxels has the box of voxel (0, 0, 0).
         let voxels = info.bbox.unwrap_or_default();
         let voxels = voxels.map(|v| Vec3::from(v.map(f64::from)));
         // A rotated box is bounded by the images of its corners.

@@ -301,8 +301,8 @@ pub(crate) fn node_motion(
     Ok(motion)
 }
 
-/// Poses before and after the frame of the run, `None` where that is the frame itself, and the seconds between
-/// them.
+/// Poses before and after the frame of the run, and the seconds between them: differences over them are velocities.
+/// `None` is the frame itself, whose nodes are known.
 fn neighbours(
     recipe: &Recipe,
     section: &ScaffoldSection,
@@ -312,7 +312,7 @@ fn neighbours(
     let now = f64::from(frame);
     let motion = section.motion.as_ref();
     if motion.is_some_and(|m| m.velocity.is_some()) {
-        // So short that, at a velocity near 1, shells and divided elements follow linearly.
+        // Seconds: so few that, at a velocity near 1, shells and divided elements follow linearly.
         let drift = FIELD_STEP * scaffold.bounds().half_diagonal();
         let pose = Pose {
             drift,

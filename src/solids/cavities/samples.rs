@@ -103,6 +103,7 @@ impl Samples {
         origin: Coord,
         measure: Measure,
     ) -> Result<Option<Self>, S::Error> {
+        // The surface may cross the edge from the last voxel of a leaf to the next one.
         let around = measure.bounds.grown(measure.reach + 1);
         if !around.meets(origin, BLOCK) {
             return Ok(None);

@@ -160,14 +160,15 @@ fn triangulate_loop(
     visit: &mut impl FnMut([u32; 3]),
 ) {
     let len = l.edges().len();
-    // Stored twice in a row, so that indices need no division by the length.
+    // Stored twice in a row, so that indices need no division by the length, 7 at most.
     let mut ring = [0; 14];
     for (i, &edge) in l.edges().iter().enumerate() {
         ring[i] = number(edge);
         ring[i + len] = ring[i];
     }
     let mut apex = 0;
-    // Of the vertices without a diagonal in a face of the cell, the one with the least sum of squared diagonals.
+    // Of the vertices without a diagonal in a face of the cell (`l.apexes`), the one with the least sum of squared
+    // diagonals.
     if len > 3 {
         let at = |i: usize| vertices[ring[i] as usize];
         let mut least = f64::INFINITY;

@@ -247,7 +247,8 @@ impl<'a> CrossedEdges<'a> {
     /// a leaf. `n` is the leaf's number.
     fn edges_of(&self, n: usize) -> (Edges, Option<Coord>) {
         let origin = self.leaves[n].origin;
-        // 1 on axes along which the leaf lies directly above the region.
+        // 1 on axes along which the leaf lies directly above the region, a box of whole leaves. Cells reach from their
+        // voxels one voxel up: those of the region use edges that begin in it or directly above, none from below.
         let beyond = [0, 1, 2].map(|a| i64::from(origin[a]) - i64::from(self.region.max[a]));
         let below = (0..3).any(|a| origin[a] < self.region.min[a]);
         let mut edges = Edges::default();

@@ -191,12 +191,12 @@ impl Mesher<'_> {
     fn exact_zero(&self, field: &WorldField, crossing: &Crossing, start: f64) -> f64 {
         let tolerance = 1e-9;
         let [a, b] = crossing.ends.map(f64::from);
-        // The zero lies between `near` and `far`; `far` is the latest point.
-        let (mut near, mut far): ((f64, f64), (f64, f64)) = ((0.0, a), (1.0, b));
+        // The zero lies between both ends of the bracket: one that is retained, and the latest point.
+        let (mut retained, mut latest): ((f64, f64), (f64, f64)) = ((0.0, a), (1.0, b));
         let mut share = start;
         for _ in 0..MAX_STEPS {
             // Rounding has put the point on an end: there is nothing between.
-            if !(share > near.0.min(far.0) && share < near.0.max(far.0)) {
+            if !(share > retained.0.min(latest.0) && share < retained.0.max(latest.0)) {
                 return share;
             }
             let value = field.value(WorldPoint(self.world(crossing, share)));
@@ -204,17 +204,17 @@ impl Mesher<'_> {
                 return share;
             }
             // The value of a retained end is halved, so that the next point is nearer to it.
-            if (value < 0.0) == (far.1 < 0.0) {
-                near.1 /= 2.0;
+            if (value < 0.0) == (latest.1 < 0.0) {
+                retained.1 /= 2.0;
             } else {
-                near = far;
+                retained = latest;
             }
-            far = (share, value);
-            if (near.0 - far.0).abs() <= tolerance {
+            latest = (share, value);
+            if (retained.0 - latest.0).abs() <= tolerance {
                 return share;
             }
             // The secant through both ends.
-            share = (near.0 * far.1 - far.0 * near.1) / (far.1 - near.1);
+            share = (retained.0 * latest.1 - latest.0 * retained.1) / (latest.1 - retained.1);
         }
         share
     }

@@ -8,7 +8,8 @@
 use super::kind::{Family, Kind};
 use druse_geometry::frame::Vec3;
 
-/// Values and derivatives by r, in the order of the control points; zero beyond them.
+/// Values and derivatives by r, in the order of the control points; zero beyond them. Pyramids do not come here: their
+/// functions, in `pyramid`, are no polynomials.
 pub(super) struct Basis {
     pub values: [f64; 27],
     pub slopes: [[f64; 27]; 3],

@@ -337,7 +337,8 @@ pub(super) fn newton(
 /// second differences, which are their Bernstein coefficients.
 pub(super) fn bend(kind: Kind, net: &Net<Vec3>) -> [Vec3; 6] {
     match net.family {
-        // Of a trilinear map, the second differences of the mixed derivatives are those of its two faces across.
+        // For speed, as the arm of all tensor nets gives the same. Of a trilinear map, the second differences of the
+        // mixed derivatives are those of its two faces across.
         Family::Tensor if net.degree == 1 => PAIRS.map(|[j, k]| {
             if j == k {
                 return Vec3::zeros();

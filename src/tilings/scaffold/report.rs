@@ -266,6 +266,7 @@ impl ScaffoldReport {
             let first: Vec<String> = numbers.take(5).map(|n| n.to_string()).collect();
             first.join(", ")
         };
+        // Of a pair the second element is the later, redundant one.
         warn(
             d.duplicates.len(),
             format!(

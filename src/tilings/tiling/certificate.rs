@@ -78,7 +78,7 @@ struct Jump {
     size: f64,
     /// The point, world coordinates; for an infinite jump the middle of the first element's box.
     at: Vec3,
-    /// Distance of the point from the other element's face, world units.
+    /// Bound of the point's distance from the other element's face, world units.
     gap: f64,
 }
 
@@ -250,7 +250,7 @@ fn face<F: Filling>(scaffold: &Scaffold, filling: &F, f: FaceRef, g: FaceRef) ->
                 uv[0] *= 1.0 - uv[1];
             }
             let Some(FacePoint { sides, at, gap }) = both(uv) else {
-                // A point outside one of the elements is a gap in the mesh.
+                // A point without a preimage, where an inverse map does not converge, counts as a gap in the mesh.
                 measured.jumps.push(Jump {
                     size: f64::INFINITY,
                     at: maps[0].bounds().centre().0,
@@ -287,7 +287,7 @@ struct FacePoint {
     sides: [(f64, Vec3); 2],
     /// World coordinates.
     at: Vec3,
-    /// Distance of the point from the other element's face, world units.
+    /// Bound of the point's distance from the other element's face, world units.
     gap: f64,
 }
 

@@ -1,10 +1,11 @@
 //! Interpolation of corner values over an element: linear, or smooth towards the corners.
 //!
-//! Linear: the shape functions of the linear element; r are the parameters of the cube, l barycentric
-//! coordinates. Smooth, with S(t) = t^2 (3 - 2 t): on the cube the shape functions of S(r), whose slope across
-//! the faces vanishes; on the tet S(l) / sum S(l); on the wedge the latter in the triangle times S along the
-//! prism. In each case the values on a face depend on the face's corners alone and are the same from both
-//! sides, and the functions are positive and sum to one.
+//! Linear: the shape functions of the linear element; r are the parameters of the cube, l barycentric coordinates.
+//! Smooth is `Smoothstep`, with S(t) = t^2 (3 - 2 t): on the cube the shape functions of S(r), whose slope across the
+//! faces vanishes; on the tet S(l) / sum S(l); on the wedge the latter in the triangle times S along the prism. In each
+//! case the values on a face depend on the face's corners alone and are the same from both sides, and the functions are
+//! positive and sum to one. Planar elements count as prisms, of 6 and 8 corners. [`Interpolation::Smooth`] has control
+//! points instead of corners and does not come here.
 
 use super::Interpolation;
 use crate::scaffold::Kind;
@@ -52,7 +53,7 @@ impl CornerFunctions {
         };
         let line = |t: f64| match interpolation {
             Interpolation::Smoothstep => smoothstep(t),
-            _ => (t, 1.0),
+            Interpolation::Linear | Interpolation::Smooth => (t, 1.0),
         };
         match shape {
             Element::Tet => {
@@ -63,7 +64,7 @@ impl CornerFunctions {
                 let g = n.map(|n| n * -0.5);
                 let (l, g) = match interpolation {
                     Interpolation::Smoothstep => rational(l, g),
-                    _ => (l, g),
+                    Interpolation::Linear | Interpolation::Smooth => (l, g),
                 };
                 c.values[..4].copy_from_slice(&l);
                 c.slopes[..4].copy_from_slice(&g);
@@ -79,7 +80,7 @@ impl CornerFunctions {
                 let (l, g) = ([1.0 - l1 - l2, l1, l2], [-g1 - g2, g1, g2]);
                 let (l, g) = match interpolation {
                     Interpolation::Smoothstep => rational(l, g),
-                    _ => (l, g),
+                    Interpolation::Linear | Interpolation::Smooth => (l, g),
                 };
                 let (t, dt) = line(xi.z + 0.5);
                 for (layer, (h, dh)) in [(1.0 - t, -dt), (t, dt)].into_iter().enumerate() {

@@ -306,8 +306,8 @@ fn numerical_gradient(target: &Target, x: Vec3) -> (f64, Vec3) {
     (at(x), gradient)
 }
 
-/// Sampled one-sided distances; `None` if either function has no surface.
-/// In reference lengths. Where the source's values are distances, those of the target count as such, though a mean of
+/// Sampled one-sided distances; `None` if either function has no surface. In reference lengths; `band_limit` in cycles
+/// per reference length. Where the source's values are distances, those of the target count as such, though a mean of
 /// images is only near a distance.
 fn hausdorff(
     cell: &Cell,

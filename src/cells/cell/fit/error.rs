@@ -1,4 +1,5 @@
-//! Defines why the Fourier series of a cell cannot be fitted to a source, with the messages that users see.
+//! Defines why the Fourier series of a cell cannot be fitted to a source, or why cells cannot be combined, with the
+//! messages that users see.
 //!
 //! A fit determines the series whose values in an element are nearest to the signed distance to the source (a mesh,
 //! struts, plates, voxels). Its unknowns are the real coefficients of the frequencies f with |f| <= R, where R is the

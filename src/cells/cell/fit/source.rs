@@ -17,7 +17,7 @@ use druse_geometry::progress::Progress;
 /// part outside is not used.
 ///
 /// # Errors
-/// As [`super::fit()`], and [`FitError::Voxels`] for samples too coarse for the band limit, or with a tolerance for 1.
+/// As [`super::fit()`], and [`FitError::Voxels`] for samples too coarse for the band limit (1 with a tolerance).
 pub fn fit_source(
     name: &str,
     element: Element,

@@ -336,6 +336,7 @@ pub(super) fn aliases(h: f64, n: f64) -> f64 {
 /// turn is contiguous.
 pub(super) fn inverse_transform(grid: &mut Vec<Complex64>, mut sizes: [usize; 3]) {
     let mut planner = FftPlanner::new();
+    // Gives the same bits on all processors; the other takes the instructions of this one.
     let mut portable = FftPlannerScalar::new();
     for _ in 0..3 {
         let [nx, ny, nz] = sizes;

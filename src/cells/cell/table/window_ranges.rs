@@ -223,7 +223,8 @@ impl WindowRanges {
 /// Two along each axis, so that a window has the range of up to eight cells.
 fn base(coefficients: &[f32], grid: &Grid, largest: f32) -> (Units, Level) {
     use rayon::prelude::*;
-    // Windows of two cells per axis, side by side. A task has one plane of windows, hence two planes of cells.
+    // Windows of two cells per axis, side by side: numbers of samples are even, or 1 (planar). A task has one plane of
+    // windows, hence two planes of cells.
     let count = grid.samples.map(|n| n.div_ceil(2));
     let plane_size = count[1] * count[2];
     let mut ranges = vec![Range::JOIN_IDENTITY; count[0] * plane_size];

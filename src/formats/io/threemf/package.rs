@@ -1,4 +1,4 @@
-//! The writer of 3MF: a zip archive with one model of triangles or beams.
+//! The writer of 3MF: a zip archive with one model of triangles or beams; `implicit` and `slices` write other models.
 //! Triangles and beams have the same frame around them; only attributes and elements of the mesh differ.
 
 use crate::io::beam_parts::BeamLattice;

@@ -67,7 +67,7 @@ struct GradientStencils {
     /// Scale from derivatives per spline cell to derivatives of the points, by axis; negative along reversed
     /// axes.
     scales: [[f32; GROUP_SIZE]; 3],
-    /// The exchanges of axes.
+    /// One row per step of the sort of the axes, see [`super::place::AxisExchanges`].
     exchanges: [[f32; GROUP_SIZE]; 3],
 }
 
@@ -309,7 +309,8 @@ impl Spline {
                     slopes[a] = lanes.join_halves(low[a + 1], high[a + 1]);
                     exchanges[a] = lanes.load(&group.exchanges[a]);
                 }
-                // Derivatives of the folded point back to the point: first the exchanges, then reversals and scale.
+                // Derivatives of the folded point, which its symmetries move to the stored part of the period, back to
+                // the point: first the exchanges, then reversals and scale.
                 self.unsort_axes(lanes, &exchanges, &mut slopes);
                 for a in 0..3 {
                     slopes[a] = lanes.mul(slopes[a], lanes.load(&group.scales[a]));
