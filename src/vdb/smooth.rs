@@ -74,8 +74,9 @@ pub(super) fn write_leaves(
 }
 
 impl LevelSet {
-    /// Smooths `iterations` times by a kind that [`is_native`] accepts. `width` is in voxels and does not matter for
-    /// the Laplacian. After a cancellation the level set is empty.
+    /// Smooths `iterations` times by a kind that [`is_native`] accepts. `width` is the filter's half width, voxels: means
+    /// are over 2 width + 1. It does not matter for the Laplacian. `operation` is its name in errors. After a
+    /// cancellation the level set is empty.
     pub(super) fn smooth(
         &mut self,
         operation: &'static str,

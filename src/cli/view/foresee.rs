@@ -1,5 +1,5 @@
 //! What the page of a file would hold, for `--dry-run`. Numbers of triangles are those of meshes (without beams) and
-//! of elements, estimates for level sets, and the limit of the flags for cells; nothing is meshed.
+//! of elements, estimates for level sets, and the limit `--triangles` for cells; nothing is meshed.
 
 use super::elements::Elements;
 use super::load::{VOXELS_PER_TRIANGLE, coarse_reading, kind_of};
@@ -50,7 +50,10 @@ pub(super) fn foresee(p: &Parameters) -> Result<Value, Failure> {
         }
     };
     // More are simplified to about the limit, except outer faces of a scaffold, which are all shown.
-    let triangles = found.min(p.triangles);
+    let triangles = match kind {
+        "scaffold" => found,
+        _ => found.min(p.triangles),
+    };
     Ok(json!({
         "kind": kind, "path": p.file.display().to_string(), "source_triangles": found, "triangles": triangles,
         "step": step, "page_bytes": PAGE_BYTES + (BYTES_PER_TRIANGLE * triangles as f64) as u64,

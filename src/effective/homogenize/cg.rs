@@ -144,9 +144,9 @@ pub(super) fn solve(
     progress: &dyn Progress,
 ) -> Result<usize, HomogenizeError> {
     let Workspace { r, q, p } = space;
+    // r . z of a start from zero, to which the tolerance refers.
     let mut goal = None;
     if begin == Begin::Given {
-        // The tolerance refers to the residual of a start from zero.
         q.fill(0.0);
         system.residual(q, r);
         system.precondition(r, q);

@@ -277,6 +277,7 @@ impl File<'_> {
         const ELEMENT: i64 = 8;
         while let Some(line) = self.record("a group or -1")? {
             let head = self.whole(&line, "a group's head of whole numbers")?;
+            // The group's number comes first, that of its members last; those between do not matter here.
             let number = head.first().copied().unwrap_or(0);
             let count = head.last().copied().unwrap_or(0);
             let Ok(count) = u64::try_from(count) else {

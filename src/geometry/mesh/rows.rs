@@ -22,7 +22,7 @@ const DISTANCE_MARGIN: f64 = 1.0 + 1e-9;
 /// A triangle with lower bounds of its distance: by its plane and by a disc around it.
 pub(super) struct Facet<'a> {
     corners: [Vec3; 3],
-    /// The unit normal; zero without area.
+    /// The unit normal. A triangle without area always comes with its sliver.
     normal: Vec3,
     centre: Vec3,
     /// The radius of the disc about the centre.
@@ -71,6 +71,7 @@ pub(super) fn distances<'a>(
 
 struct Distances<'a> {
     facets: &'a [Facet<'a>],
+    /// Rounding of coordinates, world units.
     slack: f64,
     points: &'a [Vec3],
     out: &'a mut [f64],

@@ -70,12 +70,15 @@ fn cube_walls(
     let h = context.scale.voxel_size;
     // A ball at a vertex of the cube has its opposite contact within its diameter: the surface is needed that far.
     let around = cube.grown(MAX_BRICK_WALL);
+    // The part keeps the voxel numbers of the whole solid, from the world's origin: its vertices have world positions,
+    // and p / h below is the voxel of p.
     let solid = part(
         context,
         &stored.store,
         around.grown(RIM_WIDTH),
         Coord([0; 3]),
     )?;
+    // The whole solid's greatest coordinate, so that rounding does not depend on the cube.
     let patch = solid
         .patch(around, stored.far(), None, context.session())
         .map_err(&failed)?;

@@ -349,8 +349,8 @@ impl CellTiling {
         Ok(())
     }
 
-    /// Warns where no level of a cell gives the requested thickness. `values` are the requested ones at all points, in
-    /// units of the quantity that `grades` tabulate; `used` are the numbers of the points that the cell fills.
+    /// Warns where no level of a cell gives the requested thickness. `values` are the graded ones at all points, of a
+    /// thickness in edge lengths of the cell; `used` are the numbers of the points that the cell fills.
     fn warn_of_missed_thickness(
         &self,
         files: &mut InputFiles,
@@ -359,7 +359,7 @@ impl CellTiling {
         used: &[usize],
         values: &[f64],
     ) -> Result<(), RunError> {
-        // A grade has a nearest value only where no level gives the target.
+        // Only a grade of a thickness has a nearest value, where no level gives the target.
         let missed =
             |n: &&usize| nearest_grade(grades, values[**n]).is_some_and(|g| g.nearest.is_some());
         let count = used.iter().filter(missed).count();

@@ -431,11 +431,6 @@ fn find_field<'a>(
                 let at = location_word(other.at);
                 return Err(e.with_hint(format!("{name:?} is at the {at}: at = {at:?}")));
             }
-            if has_extension(path, &["msh"]) {
-                let hint =
-                    "views in a .msh ($NodeData, $ElementData) are not read: save them as .vtu";
-                return Err(e.with_hint(hint));
-            }
             let names: Vec<&str> = fields.iter().map(|f| f.name.as_str()).collect();
             Err(match nearest(name, &names) {
                 Some(word) => e.with_hint(format!("did you mean {word:?}?")),

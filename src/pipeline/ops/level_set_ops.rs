@@ -174,9 +174,9 @@ fn apply_with_operand(
     // The voxels of a solid from a file may lie off the world's lattice. Its operand is then sampled in the file's
     // frame.
     let operand_context = context.with_half_width(solid.half_width());
-    // Parts in bricks lie on the lattice.
-    let on_lattice = solid.origin() == crate::frame::Vec3::zeros();
-    let (mut other, _) = if on_lattice || context.region.is_some() {
+    // The origin of a part in bricks is a voxel of that lattice, and `sample` gives its operand the same origin.
+    let has_world_origin = solid.origin() == crate::frame::Vec3::zeros();
+    let (mut other, _) = if has_world_origin || context.region.is_some() {
         operand_context.sample(&shape, op.name())?
     } else {
         let shift = solid.origin();

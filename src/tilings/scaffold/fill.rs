@@ -24,8 +24,8 @@ mod nodes;
 
 /// Rounds in which nodes are added.
 const MAX_ROUNDS: usize = 8;
-/// Greatest distances of an outer face's centre and of an outer edge's middle from the surface, as shares of the
-/// longest edge: that of an edge over an arc w is tan(w / 4) / 2, here 36 degrees.
+/// Greatest distances of an outer face's centre and of an outer edge's middle from the surface, as shares of the face's
+/// longest edge and of the edge: that of an edge over an arc w is tan(w / 4) / 2, here 36 degrees.
 const MAX_FACE_SAG: f64 = 0.055;
 const MAX_EDGE_SAG: f64 = 0.08;
 /// Least length of an edge along a crease that is halved, cells.
@@ -330,7 +330,7 @@ impl Body<'_> {
                         .iter()
                         // A node so near to a corner would make a needle.
                         .any(|c| (c - found.point).norm() < 0.2 * longest);
-                    // A node within three tenths of the longest edge of a crease would tear it.
+                    // A node nearer to a crease than three tenths of the longest edge would tear it.
                     let is_free = || {
                         let crease = creases.nearest(found.point, None);
                         creases.is_empty() || (crease - found.point).norm() > 0.3 * longest

@@ -211,7 +211,8 @@ impl HexGrid {
         }
     }
 
-    /// Cuts the sides of 4^3 leaves at the box.
+    /// Cuts the sides of 4^3 leaves from sample `first` on at the box: max(d, D). Bit 16 x + 4 y + z of the first word is
+    /// set where all values of a leaf are at most `band[0]`, of the second where all are at least `band[1]`.
     fn cut_sides(&self, first: Vec3, step: f64, band: [f64; 2], sides: [u64; 2]) -> [u64; 2] {
         // The leaves in a cube of 4^3: their range along each axis includes the layer of samples around them.
         let leaf = |axis: usize, n: usize| {

@@ -207,6 +207,8 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
         self.find_near(component, &span.dilated(reach), self.margin(), near);
         let boundary_triangles = self.is_cut().then_some(&**boundary_triangles);
+        // Bounds of the signed distance to the boundary, negative inside: a deep part lies at most `deep_distance` from it,
+        // where the boundary has no effect.
         let whole_depth = self.boundary_range(
             component,
             &span,

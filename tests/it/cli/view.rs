@@ -259,6 +259,19 @@ fn scaffolds_and_cells_have_pages() {
     let field = |name: &str| fields.iter().find(|f| f["name"] == name).unwrap();
     assert_eq!(field("quality")["range"], serde_json::json!([1.0, 1.0]));
     assert_eq!(field("load")["range"], serde_json::json!([3.0, 5.0]));
+    // All outer faces are shown, whatever the limit; a dry run counts them too.
+    let limited = [
+        "view",
+        "two.vtk",
+        "-o",
+        "q.html",
+        "--triangles",
+        "10",
+        "--json",
+    ];
+    let shown = json(&place.run(&limited));
+    let foreseen = json(&place.run(&[&limited[..], &["--dry-run"]].concat()));
+    assert_eq!(foreseen["triangles"], shown["triangles"]);
     let page = fs::read_to_string(place.0.path().join("p.html")).unwrap();
     is_self_contained(&page);
     // Every element by its own closed surface.

@@ -413,6 +413,29 @@ fn directions_of_files_are_those_of_their_vectors_and_stresses() {
 }
 
 #[test]
+fn a_misspelt_field_of_a_gmsh_file_gets_the_nearest_name() {
+    let place = tempfile::tempdir().unwrap();
+    let file = place.path().join("a.msh");
+    let msh = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n8\n1 0 0 0\n2 1 0 0\n3 1 1 0\n4 0 1 0\n\
+        5 0 0 1\n6 1 0 1\n7 1 1 1\n8 0 1 1\n$EndNodes\n$Elements\n1\n1 5 2 1 1 1 2 3 4 5 6 7 8\n$EndElements\n\
+        $ElementData\n1\n\"vector\"\n1\n0\n3\n0\n3\n1\n1 0 0 1\n$EndElementData\n";
+    std::fs::write(&file, msh).unwrap();
+    let toward = |name: &str| {
+        let text = format!("orient = {{ toward = {{ field = \"{name}\" }} }}\n");
+        run(
+            &recipe(&struts(&file, &text)),
+            &RunOptions::default(),
+            &Silent,
+        )
+    };
+    let Err(RunError::Read(error)) = toward("vectr").map(|_| ()) else {
+        panic!("no error of reading");
+    };
+    assert_eq!(error.hint(), Some("did you mean \"vector\"?"));
+    toward("vector").unwrap();
+}
+
+#[test]
 fn a_gyroid_in_a_ball_is_refused_with_the_edges_and_a_bad_direction_with_its_place() {
     let error = |text: &str| {
         let options = RunOptions::default();

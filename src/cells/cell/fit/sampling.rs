@@ -173,8 +173,11 @@ pub(super) fn parts_per_edge(
 
 /// The symmetry of the source over the element's interior.
 pub(super) struct Quality {
+    /// Share of the mean square that the mean over the group keeps.
     pub kept_energy: f64,
+    /// Root mean square deviation from that mean.
     pub residual: f64,
+    /// Root mean square of the source.
     pub rms: f64,
 }
 

@@ -157,7 +157,8 @@ impl WindowRanges {
     }
 
     /// Range over `count` spline cells per axis from `from` on, with periodic wrap-around.
-    /// Values and slopes are outer bounds. Counts of at least the samples of an axis take the whole period.
+    /// `from` is below the samples of each axis, each count at least 1. Values and slopes are outer bounds. Counts of at
+    /// least the samples of an axis take the whole period.
     pub fn query(&self, from: [usize; 3], count: [usize; 3]) -> Range {
         // Widths and strides are powers of 2, so that shifts replace divisions. Per axis: the last window
         // that starts at or before the range, and the number of windows from there.

@@ -3,7 +3,8 @@
 //! Both give one list: for each point of the interpolation (a node of the scaffold, or a control point of the smooth
 //! interpolation) the weights of the palette's cells side by side, so that the weight of cell c at point p is
 //! `weights[p * cells + c]`. Weights are not negative. Their sum need not be 1, as the blend divides by it, but it must
-//! be positive. Of a transition only points that do not count (`counts`) borrow weights; the sum 0 at another is an
+//! be positive. A point counts if it is a corner of an element or lies in the scaffold; formulas may have no meaning at
+//! others. Of a transition only points that do not count (`counts`) borrow weights; the sum 0 at another is an
 //! error of the blend. Of an assignment a point without a weight gets the first cell.
 
 use super::CellTiling;

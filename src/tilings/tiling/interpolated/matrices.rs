@@ -1,7 +1,7 @@
 //! Interpolation matrices along one axis: from values at Chebyshev nodes to values and derivatives at samples.
 //!
 //! Weight of node n at x: the Lagrange polynomial `l_n(x) = prod over m != n of (x - x_m) / (x_n - x_m)`, and its first
-//! and second derivative, per voxel.
+//! and second derivative, per voxel and per voxel squared. A leaf has EDGE samples along the axis.
 
 use super::EDGE;
 use std::sync::LazyLock;
@@ -20,7 +20,7 @@ pub(super) struct Matrices {
     /// Positions of the nodes, voxels from the leaf's first sample.
     pub positions: [f64; MAX_NODES],
     /// `weights[order][node][sample]`: weight of a node's value in the derivative of an order at a
-    /// sample, per voxel.
+    /// sample, per voxel to that order.
     pub weights: [[[f32; EDGE]; MAX_NODES]; ORDERS],
 }
 

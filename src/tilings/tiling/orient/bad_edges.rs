@@ -46,8 +46,9 @@ fn face_nodes(search: &Search, f: FaceRef) -> Vec<u32> {
     crate::tiling::interface::corners(search.scaffold, f).1
 }
 
-/// The number of elements around an edge if the turn of the first one does not come back as it was; `None` for
-/// one that does, and for an outer edge.
+/// The number of elements around an edge if some face there has no turn that continues, or the turn of the first element
+/// does not come back as it was, up to a symmetry of the cell; `None` otherwise, and for an outer edge. `turns` are those
+/// of all elements.
 fn open_round(search: &Search, first: FaceRef, nodes: [u32; 2], turns: &[u8]) -> Option<usize> {
     let start = first.element as usize;
     let mut leave = first;

@@ -24,7 +24,9 @@ const MIN_WEIGHT: f64 = 1e-12;
 type Sheet = (u32, u8);
 
 /// The mixture that closes bad faces; `None` if a sheet at one of them does not continue in a single sheet.
-/// `bad` are the bad faces, `turns` those of all elements, `width` that of the layer in which turns are mixed.
+/// `bad` are the bad faces, `turns` those of all elements. `width` is that of the layer beside bad faces in which turns
+/// are mixed, a share of an element; without it they mix over the whole element. The mixture is for the scaffold after
+/// each element is renumbered by its own turn, so that its corners come in that order here.
 pub(super) fn mixture(
     search: &Search,
     bad: &[FaceRef],
