@@ -5,8 +5,9 @@
 //! axis, a factor is tabulated once, so that a value costs one multiplication per factor along the row.
 //! Between samples, sines and cosines follow from the addition theorems.
 //!
-//! The functions along an axis are numbered: 0 is 1, 2 h - 1 is cos h, 2 h is sin h, of the angle 2 pi x.
-//! Derivatives are with respect to the angle.
+//! The functions along an axis are numbered: 0 is 1, 2 h - 1 is cos h, 2 h is sin h, of the angle 2 pi x. Derivatives
+//! are with respect to the angle. In single precision (`rows`) the law `products_are_their_series` allows errors of
+//! 2e-6 of the sum of the waves' sizes.
 
 use super::{Cell, Expression, Solid};
 use druse_geometry::frame::Vec3;

@@ -8,6 +8,7 @@
 //!
 //! In a *narrow* cavity no ball of the radius has room. Its channel begins where the largest ball that it holds has
 //! room, so that this ball enters the channel, and leads to a room, the outside, or the beginning of another channel.
+//! The law `the_channel_is_the_shortest_or_the_preferred_one` allows errors of two voxels in lengths.
 
 use super::channels::{Search, SearchPlan};
 use super::narrow::{Narrow, narrow_cavities};

@@ -1,5 +1,6 @@
 //! Squared distances along lattice lines: from the points where a line crosses the surface, and from squared
-//! distances that the rows of a line have already.
+//! distances that the rows of a line have already. The minimum is separable: on a line with crossings p it is at x
+//! min over p of (x - p)^2, and a pass along another axis turns squares f into min over k of f(k) + (x - k)^2.
 // What the passes call must be inlined into a function that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 

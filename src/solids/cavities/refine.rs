@@ -2,7 +2,8 @@
 //!
 //! A distance to the points where lattice edges cross the surface is never less than that to the surface. Around a
 //! cavity's deepest voxel and its throat the surface is therefore taken as triangles: in each cell of eight voxels six
-//! tetrahedra with linear values. Only the narrowest cavities are refined, since each costs a cube of voxels.
+//! tetrahedra with linear values. Only the narrowest cavities are refined, since each costs a cube of voxels. The law
+//! `random_networks_have_the_cavities_of_a_flood` allows 0.3 voxel against points on all edges of the tetrahedra.
 
 use super::{Cavity, Measure};
 use crate::Task;

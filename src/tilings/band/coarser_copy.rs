@@ -1,7 +1,8 @@
 //! A level set on voxels of twice the edge: every second voxel, with a band of any half width.
 //!
-//! Within the old band values stay as they are. Beyond it they are distances to the surface points of the finer
-//! voxels. A leaf depends only on the finer leaves within its reach, so that parts give what the whole gives.
+//! Within the old band values stay as they are. Beyond it they are distances to the surface points of the finer voxels.
+//! A leaf depends only on the finer leaves within its reach, so that parts give what the whole gives. The law
+//! `every_voxel_of_a_coarser_copy_has_its_distance` allows 0.02 of the new voxels, 0.15 at ends of sharp edges.
 
 use super::Region;
 use super::leaf::{BLOCK, LEAF, LeafBatch, VOXELS};

@@ -4,15 +4,14 @@
 //! Each crossing of the surface with a lattice edge is a point with a normal and second derivatives from the voxels
 //! around it. The distance of a voxel x is that to the surface through its nearest point q. With h the component of x -
 //! q along the normal n, t the tangential component, and k = t·H t / |t|^2 the normal curvature in the direction of t
-//! (H is the Hessian of the distance),
+//! (H is the Hessian of the distance), it is `d = h + k |t|^2 / (2 (1 + h k))`, which is exact to second order in |t|
+//! and at most |x - q|; for |t| from 1 voxel to 2 it blends to |x - q|.
 //!
-//! `d = h + k |t|^2 / (2 (1 + h k))`,
-//!
-//! which is exact to second order in |t| and at most |x - q|; for |t| from 1 voxel to 2 it blends to |x - q|. Points
-//! at sharp edges and corners use the distance to the planes that meet there, in closed form; corners are
-//! points too. No distance is shorter than |x - q| by more than a limit, which keeps offset bands free of
-//! gaps. Signs are those of the level set. The error does not grow with the distance. A leaf depends only on the points
-//! within its reach, so that results depend neither on threads nor on bricks with a halo of that width.
+//! Points at sharp edges and corners use the distance to the planes that meet there, in closed form; corners are points
+//! too. No distance is shorter than |x - q| by more than a limit, which keeps offset bands free of gaps. Signs are
+//! those of the level set. The error does not grow with the distance. A leaf depends only on the points within its
+//! reach, so that results depend neither on threads nor on bricks with a halo of that width. The law
+//! `moved_polyhedra_have_distances_in_closed_form` allows 0.25 voxel root mean square, 1.6 at corners.
 
 use super::index::LeafIndex;
 use super::leaf::{LEAF, VOXELS};

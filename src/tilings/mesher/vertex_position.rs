@@ -1,8 +1,9 @@
 //! Positions of the vertices on their edges.
 //!
-//! A vertex lies on a voxel edge, at the zero of the linear interpolant or of the exact field. It keeps a margin from
-//! the edge's ends, so that two vertices at one voxel stay apart after rounding; only a vertex that is alone at its
-//! voxel may lie at the end itself. Positions are in world units, margins are shares of an edge.
+//! A vertex lies on a voxel edge: at the share a / (a - b) of it, the zero of the linear interpolant of the values a
+//! and b at its ends, or at the zero of the exact field. It keeps a margin from the edge's ends, so that two vertices
+//! at one voxel stay apart after rounding; only a vertex that is alone at its voxel may lie at the end itself.
+//! Positions are in world units, margins are shares of an edge.
 
 use super::edge_vertices::{BATCH, CrossedEdges, split, upper_slot};
 use super::{Mesher, MesherError, ZERO_MAGNITUDE};

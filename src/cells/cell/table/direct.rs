@@ -1,8 +1,9 @@
 //! Evaluation of short series from products of sines and cosines, without a table look-up.
 //!
-//! Eight points are evaluated at a time. The fractions of the period are computed in double precision,
-//! sines and cosines of the first harmonic by polynomials in single precision, the other harmonics by
-//! addition theorems. The value at a point is bit-identical alone and in a batch.
+//! Eight points are evaluated at a time. The fractions of the period are computed in double precision, sines and
+//! cosines of the first harmonic by polynomials in single precision, the other harmonics by addition theorems. The
+//! value at a point is bit-identical alone and in a batch. The law `products_are_their_series` allows errors of 2e-6 of
+//! the sum of the waves' sizes in values, 4e-5 in gradients.
 // Small functions of a hot path, inlined because a call costs as much as their work.
 #![allow(clippy::inline_always)]
 

@@ -1,8 +1,9 @@
 //! The displacement of a cell's surface when a table replaces the cell, measured at sample points.
 //!
-//! At points spread over the element, the difference of table and cell is divided by the mean slope: a grading,
-//! a blend or an offset may put the surface anywhere. At points of the cell's own surface, the difference is
-//! divided by the local slope.
+//! At points spread over the element, the difference of table and cell is divided by the mean slope: a grading, a blend
+//! or an offset may put the surface anywhere. At points of the cell's own surface, the difference is divided by the
+//! local slope. At other points of the surface the law `tables_displace_the_surface_by_at_most_the_tolerance` allows
+//! 1.25 of the tolerance, half of it in the root mean square.
 
 use super::{Cell, Table};
 use druse_geometry::field::Field;

@@ -10,8 +10,9 @@
 //! eight coefficients of two neighbours along y are contiguous. Each coefficient is stored twice: once would
 //! take twice the loads, four times would take twice the memory, on which look-ups wait.
 //!
-//! Eight points are located at a time; the sums are in single precision. The code is compiled for each
-//! instruction set ([`druse_geometry::simd`]). The value at a point is bit-identical alone and in a batch.
+//! Eight points are located at a time; the sums are in single precision. The code is compiled for each instruction set
+//! ([`druse_geometry::simd`]). The value at a point is bit-identical alone and in a batch. Sums round by 3e-6 of the
+//! largest coefficient, gradients by 1e-5 of it over the sample distance (law `table_is_within_its_error_bound`).
 
 mod place;
 mod sums;

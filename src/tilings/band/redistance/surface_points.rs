@@ -2,7 +2,9 @@
 //!
 //! A crossing of an edge with the surface is found from four values along the edge, or from its two ends at clipped
 //! values and kinks; its normal and second derivatives are central differences at both ends. Lengths are in voxels and
-//! positions count from the leaf's least voxel. Points at sharp edges get their planes later (`wedge`).
+//! positions count from the leaf's least voxel. Points at sharp edges get their planes later (`wedge`). At the share u
+//! of an edge the cubic through f(-1) to f(2) is f(0) + (f(1) - f(0)) u + u (u - 1) (p + q (u + 1)), with p half the
+//! second difference at 0 and q a sixth of the third.
 // Inlined so that the code is compiled for its caller's target features.
 #![allow(clippy::inline_always)]
 

@@ -1,6 +1,7 @@
 //! Vectors in single precision.
 //!
-//! Arrays rather than a matrix library: the kernels load their components into lanes.
+//! Arrays rather than a matrix library: the kernels load their components into lanes. The dual basis of a, b, c is
+//! (b x c, c x a, a x b) / (a . b x c): each of its vectors has the product 1 with one of them and 0 with the others.
 
 /// Three components.
 pub(super) type Vector = [f32; 3];

@@ -1,10 +1,11 @@
 //! Sharp edges and corners of the surface: points with the planes that meet there.
 //!
-//! A crossing of a lattice edge lies up to a voxel beside a sharp edge of the surface, and differences of values
-//! across the edge do not determine its planes. Such a point takes its planes from voxels up to [`WINDOW`]
-//! voxels away whose differences do not cross the edge. Two or three planes, all convex or all concave, have a
-//! distance in closed form. In all other cases (a round edge, a thin wall, a saddle) the point has no wedge.
-//! A corner with three planes becomes a point too.
+//! A crossing of a lattice edge lies up to a voxel beside a sharp edge of the surface, and differences of values across
+//! the edge do not determine its planes. Such a point takes its planes from voxels up to [`WINDOW`] voxels away whose
+//! differences do not cross the edge. Two or three planes, all convex or all concave, have a distance in closed form.
+//! In all other cases (a round edge, a thin wall, a saddle) the point has no wedge. A corner with three planes becomes
+//! a point too. With exact planes a distance errs by at most 1e-4 voxel (unit test); in
+//! `moved_polyhedra_have_distances_in_closed_form` by 0.25 voxel root mean square.
 
 use super::super::smooth::LeafRef;
 use super::BandLengths;

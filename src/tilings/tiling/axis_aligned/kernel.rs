@@ -3,7 +3,8 @@
 //! With k the wave number along each axis, the world gradient is `g_a = k_a dF/du_a`, u in radians. A damped Newton
 //! step is -q g with q = F / (g.g + damping). Its end lies at the angles `-q g_a k_a` from the start, where the
 //! functions follow by [`Products::advanced`] without new sines. The scale is s = |q g + r h| / |F| with r and h the
-//! factor and gradient of the second step, and d = F s. Rows are eight samples along z in single precision.
+//! factor and gradient of the second step, and d = F s. Rows are eight samples along z in single precision. The law
+//! `distances_are_those_of_the_general_way` allows 0.1 voxel, 0.005 root mean square, against double precision.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 

@@ -1,4 +1,7 @@
-//! Values and signs of an axis-aligned grid of hexes on a lattice of samples.
+//! Values and signs of an axis-aligned grid of hexes on a lattice of samples, z fastest.
+//!
+//! A value is max(F s, D), between -w and w, with the scale s, the distance D to the box and the half width w. The law
+//! `a_layer_has_the_values_of_its_leaf` allows 1e-3 voxel on the voxels of a leaf, 0.1 between voxels.
 
 use super::HexGrid;
 use super::kernel::{MAX_SIGN_SAMPLES, RowKernel, SignKernel};

@@ -4,6 +4,7 @@
 //! orders. The first step is -q g with q = F / (g.g + damping). The second starts where it ends, with the field
 //! continued by the Hessian H: F1 = F - q g.g + q^2 g.Hg / 2 and g1 = g - q H g. The scale is |q g + r g1| / |F| with r
 //! the factor of the second step. F1 / F, what the first step leaves, measures the error: [`MAX_REMAINDER`] limits it.
+//! The law `wide_bands_are_interpolated_no_worse_near_their_ends` allows errors of 0.01 max(|d|, 1) voxel.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand. Closures
 // are not: no SIMD arithmetic is written in them.
 #![allow(clippy::inline_always)]

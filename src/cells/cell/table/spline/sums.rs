@@ -1,8 +1,9 @@
 //! Weighted sums of coefficients: values and gradients of the spline, `sum w_x,i w_y,j w_z,k c_ijk`.
 //!
-//! A batch of point groups is located and gets its weights first; then the sums are taken. The intermediate
-//! weights are in memory, from which a weight is broadcast over a row at no cost. A broadcast from another
-//! register would occupy the shuffle unit, which is the bottleneck.
+//! A batch of point groups is located and gets its weights first; then the sums are taken. The intermediate weights are
+//! in memory, from which a weight is broadcast over a row at no cost. A broadcast from another register would occupy
+//! the shuffle unit, which is the bottleneck. In single precision a value errs by at most 3e-6 of the largest
+//! coefficient, a derivative by 1e-5 of it over the sample distance (`spline_series`).
 // Small functions of a hot path, inlined because a call costs as much as their work.
 #![allow(clippy::inline_always)]
 
