@@ -170,7 +170,7 @@ impl Products {
 
     /// Value and gradient (per reference length) at a point in reference lengths.
     fn value_and_gradient(&self, p: Vec3) -> (f64, Vec3) {
-        // Cosines and their derivatives.
+        // cos(2 pi f x) and -2 pi f sin(2 pi f x) for each frequency f.
         let tables = |x: f64| -> (Vec<f64>, Vec<f64>) {
             let both = self.frequencies.iter().map(|f| {
                 let (sine, cosine) = libm::sincos(TAU * f * x);
@@ -180,6 +180,7 @@ impl Products {
         };
         let [(x, dx), (y, dy), (z, dz)] = [p.x, p.y, p.z].map(tables);
         let (mut value, mut gradient) = (0.0, Vec3::zeros());
+        // Of a run with X and Y in common: X Y sum w Z, and (X' Y sum w Z, X Y' sum w Z, X Y sum w Z').
         for ([i, j], range) in &self.runs {
             let (mut along, mut slope) = (0.0, 0.0);
             for (n, weight) in &self.terms[range.clone()] {

@@ -78,10 +78,9 @@ fn derivative(function: usize) -> (usize, f64) {
     }
 }
 
-/// `None` if it is no single series, has another period, harmonics beyond 3 or more than 16 products.
 impl Products {
-    /// The products of a cell whose function is one series of period 1 along the axes, with at most `MAX_HARMONICS`
-    /// and `MAX_PRODUCTS`; `None` for any other.
+    /// The products of a cell; `None` if its function is no single series, has another period than 1 along the axes,
+    /// harmonics beyond 3 (`MAX_HARMONICS`) or more than 16 products (`MAX_PRODUCTS`).
     pub fn of(cell: &Cell, expression: &Expression) -> Option<Self> {
         let series = expression.series()?;
         if series.lattice().periods()? != [1.0; 3] {
@@ -207,10 +206,11 @@ impl Products {
     /// `u` is in reference coordinates, of period 1.
     fn sum(&self, u: Vec3) -> (f64, Vec3) {
         let along: [[f64; FUNCTIONS]; 3] = std::array::from_fn(|a| {
-            let angle = TAU * (u[a] - u[a].round());
+            let angle = TAU * (u[a] - u[a].round()); // -pi to pi
             let mut values = [1.0; FUNCTIONS];
             (values[2], values[1]) = libm::sincos(angle);
             let (s, c) = (values[2], values[1]);
+            // cos h t = cos (h-1)t cos t - sin (h-1)t sin t; sin h t = sin (h-1)t cos t + cos (h-1)t sin t.
             for h in 2..=self.harmonics {
                 let (sh, ch) = (values[2 * h - 2], values[2 * h - 3]);
                 values[2 * h - 1] = ch * c - sh * s;
@@ -219,6 +219,7 @@ impl Products {
             values
         });
         let (mut value, mut gradient) = (0.0, Vec3::zeros());
+        // c X Y Z and c (X' Y Z, X Y' Z, X Y Z'), by the angles; 2 pi makes it by the coordinates.
         for p in &self.terms {
             let f: [f64; 3] = std::array::from_fn(|a| along[a][p.functions[a]]);
             let g: [f64; 3] = std::array::from_fn(|a| along[a][p.derivatives[a]] * p.rates[a]);
@@ -245,6 +246,7 @@ impl Products {
     #[inline]
     pub fn bound(&self, centre: Vec3, half: Vec3) -> (f64, f64) {
         let (sum, gradient) = self.sum(centre);
+        // |Phi - Phi(centre)| <= sum_a |dPhi/da| h_a + sum |c| (sum_a 2 pi k_a h_a)^2 / 2, harmonics k.
         let remainder: f64 = self
             .terms
             .iter()

@@ -58,6 +58,7 @@ impl Bridge<'_> {
         part: impl Fn(Option<&Evaluation>) -> T,
     ) -> Result<T, Error> {
         let memory = &mut *self.memory.borrow_mut();
+        // argmin requests cost and gradient one after the other at a point: the evaluation of the last one serves both.
         let known = memory.last.as_ref().filter(|l| l.0 == unknowns);
         if let Some((_, last)) = known {
             return Ok(part(last.as_ref()));

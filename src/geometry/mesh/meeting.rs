@@ -257,6 +257,7 @@ impl Pieces {
         }
         let boxes: Vec<Aabb> = of_each.into_iter().flatten().collect();
         let bvh = Bvh::new(boxes.len(), |i| boxes[i]);
+        // The label of a node: its last triangle, which ends searches for later ones, and the hub that all share.
         let node = |slot: usize| {
             let triangle = slots[bvh.order()[slot] as usize];
             (triangle, hubs[triangle as usize])

@@ -66,11 +66,11 @@ const STEPS: [usize; 3] = [64, 8, 1];
 fn moved(slot: usize, voxel: usize, direction: u8) -> (usize, usize) {
     let (axis, last) = (direction as usize / 2, direction % 2 == 1);
     let step = STEPS[axis];
-    let along = voxel / step % 8;
+    let along = voxel / step % 8; // its coordinate along the axis
     if along == if last { 7 } else { 0 } {
         let slot = beside(slot, axis, last).expect("no way out of the block");
         let across = if last {
-            voxel - 7 * step
+            voxel - 7 * step // coordinate 7 becomes 0
         } else {
             voxel + 7 * step
         };
@@ -162,6 +162,7 @@ fn leads_of_leaf(space: &BlockDistances, slot: usize, own: &[f32; VOXELS], leads
 /// Lets the voxels of a leaf that are as far as `reach` lead in a direction, at whose end all are. Those that cannot
 /// lead along another axis to lower numbers, or to themselves: no way leads back.
 fn lead_toward(toward: usize, own: &[f32; VOXELS], reach: f32, leads: &mut Leads) {
+    // Whether the next voxel is in the leaf and as far as `reach`.
     let is_wide = |voxel: usize, direction: usize| {
         let (step, last) = (STEPS[direction / 2], direction % 2 == 1);
         let is_end = voxel / step % 8 == if last { 7 } else { 0 };

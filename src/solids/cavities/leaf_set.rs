@@ -70,7 +70,7 @@ impl LeafSet {
         Self(std::array::from_fn(|n| {
             let in_layer = n % LAYER;
             match (axis, ahead) {
-                (0, true) if n + LAYER < 64 => own[n + LAYER],
+                (0, true) if n + LAYER < 64 => own[n + LAYER], // x + 1 is four words on
                 (0, true) => next[in_layer],
                 (0, false) if n >= LAYER => own[n - LAYER],
                 (0, false) => next[64 - LAYER + in_layer],
@@ -80,7 +80,7 @@ impl LeafSet {
                     } else {
                         next[n + 1 - LAYER]
                     };
-                    own[n] >> 16 | after << 48
+                    own[n] >> 16 | after << 48 // y + 1 is 16 bits on, the last from the next word
                 }
                 (1, false) => {
                     let before = if in_layer > 0 {
@@ -90,6 +90,7 @@ impl LeafSet {
                     };
                     own[n] << 16 | before >> 48
                 }
+                // z + 1 is one bit on; at the end of each 16 bits it is the first of the next block.
                 (_, true) => (own[n] >> 1 & !LAST_Z) | (next[n] & FIRST_Z) << 15,
                 (_, false) => (own[n] << 1 & !FIRST_Z) | (next[n] & LAST_Z) >> 15,
             }

@@ -112,6 +112,7 @@ fn square_to_section(
 ) -> f64 {
     let (inside, outside): (Vec<usize>, Vec<usize>) =
         tetrahedron.iter().copied().partition(|n| value[*n] < 0.0);
+    // On the edge from a to b the linear function is 0 at the share |va| / (|va| + |vb|): three zeros or four.
     let crossing = |a: usize, b: usize| {
         let [va, vb] = [a, b].map(|n| f64::from(value[n].abs()));
         places[a] + (places[b] - places[a]) * (va / (va + vb))

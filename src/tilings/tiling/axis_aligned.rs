@@ -232,6 +232,7 @@ impl HexGrid {
         if furthest <= least {
             return sides;
         }
+        // D grows with each coordinate's distance outside: its least value is at the lows, its greatest at the highs.
         for n in 0..64 {
             let of = [along[0][n >> 4], along[1][n >> 2 & 3], along[2][n & 3]];
             let (low, high) = (of.map(|b| b.0), of.map(|b| b.1));

@@ -95,6 +95,7 @@ impl EmptySpace {
     /// faces of a node are compared with those of the node beside it; where there is none, with what the space there
     /// is.
     fn join_nodes(&self, sets: &mut UnionFind) {
+        // Both faces across each axis: a lower face without a node beside it has no other side to join it from.
         for (axis, last) in (0..3).flat_map(|a| [(a, false), (a, true)]) {
             for (&origin, slots) in &self.nodes {
                 let neighbour = step(origin, axis, last, UPPER_EDGE);

@@ -224,7 +224,7 @@ impl Products {
             *to = two.join_rows([row, row]);
         }
         for (i, slab) in out.as_chunks_mut::<8>().0.iter_mut().enumerate() {
-            let factors = &column.0[i & 7];
+            let factors = &column.0[i & 7]; // F_n
             // sum_n F_n Z_n, two rows at a time.
             for (j, rows) in slab.as_chunks_mut().0.iter_mut().enumerate() {
                 let j = (2 * j) & 7;
@@ -272,6 +272,7 @@ impl Products {
                 max_half[axis] = max_half[axis].max(half[axis][n]);
             }
         }
+        // precision (sum |c|) + sum |c| (sum_a k_a h_a)^2 / 2, for harmonics k and the greatest half edges h.
         let mut reach = precision * (self.amplitude + self.mean.abs()) as f32;
         for p in &self.terms {
             let mut phase = 0.0;
@@ -294,7 +295,7 @@ impl Products {
         remainder_bound: f32,
     ) -> [[[u8; 8]; 8]; 2] {
         let zero = l.splat(0.0);
-        let (mut along_z, mut derivative_z) = ([zero; N], [zero; N]);
+        let (mut along_z, mut derivative_z) = ([zero; N], [zero; N]); // Z_n, Z_n'
         for (n, of) in self.along_z.iter().enumerate().take(N) {
             let (other, rate) = derivative(of.function);
             along_z[n] = l.load(&z[of.function & FUNCTION_MASK]);
@@ -304,7 +305,7 @@ impl Products {
         let (remainder, half_z) = (l.splat(remainder_bound), l.load(&half[2]));
         let mut sides = [[[0; 8]; 8]; 2];
         for i in 0..8 {
-            // For each function along z: its factor along y, and the derivatives of that factor along x and y.
+            // For each Z_n its factor F_n at eight y, and dF_n/dx, dF_n/dy.
             let mut factors = [[[0.0; 8]; 3]; N];
             for (to, of) in factors.iter_mut().zip(&self.along_z) {
                 let mut sums = [zero; 3];
@@ -321,8 +322,8 @@ impl Products {
                     l.store(sums[n], &mut to[n]);
                 }
             }
-            // Value and slopes at eight box centres along z, then the Taylor bound of `sum_ranges` with the
-            // largest remainder of all boxes.
+            // sum F_n Z_n and its slopes at eight box centres along z, then the Taylor bound of `sum_ranges` with
+            // the largest remainder of all boxes.
             for j in 0..8 {
                 let (mut value, mut slope) = (zero, [zero; 3]);
                 for n in 0..N {
@@ -429,6 +430,7 @@ impl Products {
 /// quarter turn.
 #[inline(always)]
 fn sine_and_cosine<L: Lanes>(l: L, t: L::F) -> (L::F, L::F) {
+    // By Horner in q = t^2: sin t = t S(q), cos t = C(q).
     let q = l.mul(t, t);
     let mut sine = l.splat(SINE_COEFFICIENTS[0]);
     for c in &SINE_COEFFICIENTS[1..] {

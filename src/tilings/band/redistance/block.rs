@@ -210,13 +210,13 @@ fn distances<L: Lanes>(
     let (zero, one) = (l.splat(0.0), l.splat(1.0));
     let [nx, ny, nz] = [l.load(&normal[0]), l.load(&normal[1]), l.load(&normal[2])];
     // h = x.n, |t|^2 = |x|^2 - h^2 and t = x - h n.
-    let height = l.fused(x, nx, l.fused(y, ny, l.mul(z, nz)));
-    let back = l.sub(zero, height);
-    let tangential_square = l.max(l.fused(back, height, square), zero);
-    let tx = l.fused(back, nx, x);
+    let height = l.fused(x, nx, l.fused(y, ny, l.mul(z, nz))); // h
+    let back = l.sub(zero, height); // -h
+    let tangential_square = l.max(l.fused(back, height, square), zero); // |t|^2
+    let tx = l.fused(back, nx, x); // t
     let ty = l.fused(back, ny, y);
     let tz = l.fused(back, nz, z);
-    // k |t|^2
+    // k |t|^2 = t.H t: each mixed term counts twice, in the row of its first axis.
     let [xx, yy, zz] = [
         l.load(&hessian[0]),
         l.load(&hessian[1]),

@@ -135,11 +135,12 @@ impl CandidateTest {
     #[inline(always)]
     pub fn accepts<L: Lanes>(&self, l: L, [x, y, z]: [&[f32; 8]; 3]) -> u8 {
         let ([a, b, c], [p, q, r]) = (self.cube.centre, self.nearest_to_centre.at);
-        let square = squares(l, [x, y, z], [l.splat(a), l.splat(b), l.splat(c)]);
+        // Relative to the centre: |p|^2 < |q|^2 + edge sum_a |p_a - q_a|, and p not beyond the greatest distance.
+        let square = squares(l, [x, y, z], [l.splat(a), l.splat(b), l.splat(c)]); // |p|^2
         let x = l.magnitude(l.sub(l.load(x), l.splat(p)));
         let y = l.magnitude(l.sub(l.load(y), l.splat(q)));
         let z = l.magnitude(l.sub(l.load(z), l.splat(r)));
-        let sum = l.add(l.add(x, y), z);
+        let sum = l.add(l.add(x, y), z); // sum_a |p_a - q_a|
         let edge = l.splat(2.0 * self.cube.half);
         let limit = l.fused(
             edge,

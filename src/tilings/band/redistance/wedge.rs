@@ -385,6 +385,7 @@ fn wedge(p: Vector, samples: &[Sample]) -> Option<Wedge> {
     let height = |n: usize, plane: Plane| dot(normals[n], difference(p, plane.at));
     let (offset, dual) = if let Some(c) = c {
         let dual = dual(normals)?;
+        // The point from the corner, y with n_i . y = h_i: y = sum h_i d_i with the dual basis d.
         let heights = [height(0, a), height(1, b), height(2, c)];
         let mut offset = [0.0; 3];
         for (d, h) in dual.iter().zip(heights) {
@@ -392,6 +393,7 @@ fn wedge(p: Vector, samples: &[Sample]) -> Option<Wedge> {
         }
         (offset, Some(dual))
     } else {
+        // The point from the edge, y = s n_0 + t n_1 with n_0 . y = u and n_1 . y = v.
         let (u, v) = (height(0, a), height(1, b));
         let c = dot(normals[0], normals[1]);
         let square = 1.0 - c * c;

@@ -58,7 +58,7 @@ pub(super) fn euler_step(of: &Stencil, dt: f32, per_voxel: f32, new: &mut Slab) 
             larger(back * back, ahead * ahead)
         };
         let square = godunov(xm[n], xp[n]) + godunov(ym[n], yp[n]) + godunov(zm[n], zp[n]);
-        // S(phi), with square = h^2 |grad phi|^2; 1e-8 keeps a value of 0 without slope from dividing by 0.
+        // speed = S(phi), with square = h^2 |grad phi|^2; 1e-8 keeps a value of 0 without slope from dividing by 0.
         let speed = c / ((c * c + square).sqrt() + 1e-8);
         new[n] = c - dt * speed * (square.sqrt() * per_voxel - 1.0);
     }

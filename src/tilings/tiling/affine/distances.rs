@@ -66,8 +66,8 @@ impl BatchDistances {
     #[inline(always)]
     pub fn add(&mut self, n: usize, weight: f64, scale: f64) {
         let row = n / ROW % (MAX_SAMPLES / ROW);
-        self.scales[row][n % ROW] += weight * scale;
-        self.weights[row][n % ROW] += weight;
+        self.scales[row][n % ROW] += weight * scale; // sum(omega s)
+        self.weights[row][n % ROW] += weight; // sum(omega)
     }
 
     /// Sets the distances of the points that have scales. Returns a bit for each point that is not within the

@@ -93,7 +93,7 @@ impl SimdKernel for FirstStepKernel<'_> {
             };
             // g = J^-T grad F.
             let g = to_world(inverse, g);
-            let square = dot(g, g, zero);
+            let square = dot(g, g, zero); // |g|^2
             // p1 = -F g / (|g|^2 + damping), shortened to the limit.
             let step = limits.newton_step(f, g, square);
             let magnitude = f.abs();
@@ -137,7 +137,7 @@ impl SimdKernel for SecondStepKernel<'_> {
             let Some((f, g)) = load_slopes(lanes, &newton.slopes, row) else {
                 break;
             };
-            // g and p2 at the end of the first step.
+            // g and p2 = (x, y, z) at the end of the first step; `step` is p1 + p2.
             let g = to_world(inverse, g);
             let [x, y, z] = limits.newton_step(f, g, dot(g, g, zero));
             let step = [

@@ -31,7 +31,7 @@ impl Periods {
         };
         let [x, y, z] = [0, 1, 2].map(along);
         for (i, j) in x.flat_map(|i| y.clone().map(move |j| (i, j))) {
-            let row = (i * counts[1] + j) * counts[2];
+            let row = (i * counts[1] + j) * counts[2]; // of hex (i, j, 0)
             z.clone().for_each(|k| found(row + k));
         }
     }
@@ -51,9 +51,9 @@ impl Periods {
             let mut four = [0.0; 4];
             four.copy_from_slice(&steps[half..half + 4]);
             let ahead = l.mul_four(l.load_four(four), l.splat_four(step));
-            let mut x = l.add_four(ahead, l.splat_four(origin));
+            let mut x = l.add_four(ahead, l.splat_four(origin)); // x = origin + steps step
             x = l.max_four(x, l.splat_four(self.bounds.min[axis]));
-            x = l.min_four(x, l.splat_four(self.bounds.max[axis]));
+            x = l.min_four(x, l.splat_four(self.bounds.max[axis])); // in the box
             parts[half..half + 4].copy_from_slice(&self.part(l, axis, x));
         }
         parts
@@ -63,8 +63,8 @@ impl Periods {
     #[inline(always)]
     pub fn part<L: Lanes>(&self, l: L, axis: usize, x: L::D) -> [f32; 4] {
         let from = l.sub_four(x, l.splat_four(self.centre[axis]));
-        let u = l.mul_four(from, l.splat_four(self.rate[axis]));
-        let whole = l.floor_four(l.add_four(u, l.splat_four(0.5)));
+        let u = l.mul_four(from, l.splat_four(self.rate[axis])); // u = (x - centre) rate
+        let whole = l.floor_four(l.add_four(u, l.splat_four(0.5))); // the nearest whole number
         l.narrow(l.sub_four(u, whole))
     }
 

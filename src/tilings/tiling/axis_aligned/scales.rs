@@ -382,12 +382,13 @@ impl Scales {
                 let Some(values) = self.values[row..].first_chunk::<LOCAL_NODES>() else {
                     continue;
                 };
+                // Row j at eight z: sum_k w_k s_ijk.
                 for k in 0..LOCAL_NODES {
                     rows[j] = l.fused(l.splat(values[k]), weights_z[k], rows[j]);
                 }
             }
             for v in 0..4 {
-                // The nodes of the second sample begin at most one further.
+                // sum_j w_j of the rows at two y. The nodes of the second sample begin at most one further.
                 let from = y.first_node[2 * v];
                 for n in 0..5 {
                     let j = (from + n).min(LOCAL_NODES - 1);
@@ -445,7 +446,7 @@ impl<const LIMIT_SMOOTHLY: bool> SimdKernel for TableKernel<'_, LIMIT_SMOOTHLY> 
             counts,
             values,
         } = self;
-        // The functions at eight entries each.
+        // The functions at eight entries each: entry n lies at (n + 1/2) / count, less the nearest whole number.
         let mut tables = [const { Vec::new() }; 3];
         for axis in 0..3 {
             for first in (0..counts[axis]).step_by(8) {
@@ -468,7 +469,7 @@ impl<const LIMIT_SMOOTHLY: bool> SimdKernel for TableKernel<'_, LIMIT_SMOOTHLY> 
                 for n in 1..FUNCTIONS {
                     along_z[n] = l.load(&z[n]);
                 }
-                let found = scale::<L, LIMIT_SMOOTHLY>(l, field, [&at_x, &at_y, &along_z]);
+                let found = scale::<L, LIMIT_SMOOTHLY>(l, field, [&at_x, &at_y, &along_z]); // s_ijk
                 l.store(found, values);
             }
         }
