@@ -2,6 +2,8 @@
 //!
 //! [`plan`] predicts a run. [`run`] executes it: it reads the inputs, combines them into one field, samples
 //! the narrow band, applies level-set operations, measures the solid and writes the outputs atomically.
+//! Not promised: outputs do not appear all at once; a file that is complete stays where a later one fails, and a
+//! requirement that is not met is no error of [`run`]: the [`Report`] has it.
 //!
 //! ```
 //! use druse::pipeline::{RunOptions, run};

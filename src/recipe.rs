@@ -6,7 +6,8 @@
 //! name the nearest known one. An error about a key has its line or its override.
 //!
 //! Conventions: a length is a number in the recipe's unit or a string with its own ("0.2mm", "3vx");
-//! paths are relative to the recipe; arrays in override keys count from 0.
+//! paths are relative to the recipe; arrays in override keys count from 0. Not promised: a valid recipe may name files
+//! that do not exist or hold something else; the run opens them.
 //!
 //! ```
 //! use druse::recipe::Recipe;

@@ -2,6 +2,7 @@
 //!
 //! A token is a place in a file name that holds the frame: `$F4`, `####` and `%04d` hold four digits, `$F` and
 //! `%d` as many as the frame has. The clock follows Houdini: `time = (frame - 1) / fps`, so that frame 1 is at 0.
+//! Not promised: a list does not know files; [`frames_on_disk`] finds the frames that have one.
 //!
 //! ```
 //! use druse::sequence::{Clock, FrameList, expand};

@@ -9,6 +9,9 @@
 //! [`fit()`] and [`fit_source`] make a cell from geometry, [`Surface`] from a closed form. [`Table`]
 //! evaluates a cell fast. [`Cell::from_json`] and [`Cell::to_json`] read and write a `.cell` file.
 //! [`groups`] lists the groups and lattices of each element.
+//!
+//! Not promised: Phi is no distance (its slope varies over the cell), and a fit rounds details finer than the waves of
+//! its band: [`FitReport`] has the distances of both surfaces.
 
 use crate::symmetry::{Lattice, PointGroup};
 use druse_geometry::field::{Field, Interval};

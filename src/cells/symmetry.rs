@@ -11,6 +11,8 @@
 //! Orthonormal functions have the factor (|L| m)^(-1/2) in front of the sum over an orbit of m members.
 //! The icosahedral group has no lattice in space, but one in six dimensions: functions with its periods, restricted
 //! to (x, 0), are sums of plane waves whose frequencies form a module of rank 6. Coordinates beyond z are named u, v, w.
+//! Not promised: a group does not know its lattice, and [`Basis::new`] takes any pair; [`PointGroup::named`] and
+//! [`PointGroup::on_lattice`] alone check that they fit.
 
 mod basis;
 mod lattice;

@@ -1,17 +1,17 @@
 //! Effective properties of a periodic cell: stiffness, conductivity, permeability.
 //!
-//! A [`Period`] is the field that repeats; [`Samples`] of it give each voxel its share of solid. [`Elasticity`]
-//! and [`Conduction`] solve for unit mean strains and gradients by conjugate gradients in the space of
-//! displacements, preconditioned by the Green operator of the solid in Fourier space (Moulinec and Suquet 1998;
-//! Zeman and others 2010), by default on Willot's rotated scheme (2015), which suits voids. [`Stokes`] solves for
-//! creeping flow on a staggered grid. [`properties`] does all of it, with [`Bounds`] and [`Connectivity`];
-//! [`by_coefficients`] gives derivatives by the coefficients of a cell; [`opening`] and [`width`] measure a phase.
-//! Voxels that the surface cuts have moduli mixed arithmetically by the share of solid (Voigt), which on lattices
-//! is as accurate as laminates (Lucarini, Cobian, Voitus and Segurado 2021). Where interfaces are wider than a
-//! voxel an arithmetic mean overestimates stiffness: [`sharpened`] shares keep all bounds.
+//! A [`Period`] is the field that repeats; [`Samples`] of it give each voxel its share of solid. [`Elasticity`] and
+//! [`Conduction`] solve for unit mean strains and gradients by conjugate gradients in the space of displacements,
+//! preconditioned by the solid's Green operator in Fourier space (Moulinec and Suquet 1998; Zeman and others 2010), by
+//! default on Willot's rotated scheme (2015), which suits voids. [`Stokes`] solves for creeping flow on a staggered
+//! grid. [`properties`] does all of it, with [`Bounds`] and [`Connectivity`]; [`by_coefficients`] gives derivatives by
+//! a cell's coefficients; [`opening`] and [`width`] measure a phase. Voxels that the surface cuts have moduli mixed
+//! arithmetically by the share of solid (Voigt), on lattices as accurate as laminates (Lucarini, Cobian, Voitus and
+//! Segurado 2021). Where interfaces are wider than a voxel this is too stiff: [`sharpened`] shares keep all bounds.
 //!
 //! Conventions: Voigt order 11 22 33 23 13 12 with engineering shear; moduli in the unit of those given;
-//! permeability in squares of the period's edge. The same bytes come out at any number of threads.
+//! permeability in squares of the period's edge. The same bytes come out at any number of threads. Not promised:
+//! strength, buckling or large strains; all laws are linear, the solid is isotropic.
 //!
 //! ```
 //! # mod druse { pub use druse_effective::*; pub use druse_geometry::*; }

@@ -7,6 +7,7 @@
 //! L-BFGS of argmin makes the steps. Stages go from wide interfaces on a coarse grid to narrow ones on a finer
 //! grid, with several starts at first. Final figures are those of voxels that are wholly solid or void, on two grids:
 //! what goals and constraints miss there corrects the objective, and solid and void must be connected.
+//! Not promised: the best cell; the search is local, and other starts, seeds or bands may give a better one.
 //!
 //! ```
 //! # mod druse { pub use druse_effective::*; pub use druse_geometry::*; }

@@ -4,7 +4,8 @@
 //! Readers take a path and return the object with the file's metadata. Every failure is a [`ReadError`]: it
 //! gives the file, the place, what was found, what was expected, and often a hint. Counts in a header are
 //! checked against the file's size before memory is allocated. Writers stream into any [`std::io::Write`];
-//! [`atomic`] moves the finished file to its name.
+//! [`atomic`] moves the finished file to its name. Not promised: lengths are not converted ([`stated_unit`] names a
+//! file's unit), and what a reader skips (materials, loads, textures) is lost when its object is written again.
 //!
 //! ```
 //! # extern crate druse_formats as druse;

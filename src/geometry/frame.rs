@@ -7,7 +7,8 @@
 //! | world | [`WorldPoint`] | the recipe's unit | the user's |
 //! | index | [`Coord`] | voxels | world origin; sample (i, j, k) is at world `i h`, the voxel's centre |
 //!
-//! Each field has exactly one frame, so that code that mixes two frames does not compile.
+//! Each field has exactly one frame, so that code that mixes two frames does not compile. Not promised: units are not
+//! checked (a length is a bare `f64`), and a [`Vec3`] has the frame that its user gives it.
 
 use nalgebra::{SVector, Vector3};
 use std::ops::Index;

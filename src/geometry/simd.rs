@@ -3,7 +3,8 @@
 //! A [`SimdKernel`] is written once over [`Lanes`] and compiled three times: for AVX-512, for AVX2 with
 //! fused multiply-add (FMA), and for the baseline of the target. The processor is detected at run time.
 //! AVX-512 and AVX2 give the same bits. The portable code gives other bits, the same on every processor:
-//! it rounds products before it adds them, and it calls no mathematics library.
+//! it rounds products before it adds them, and it calls no mathematics library. Not promised: a rule for
+//! NaN; minima and maxima of four `f64` with it differ between the portable code and the others.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 

@@ -1,7 +1,8 @@
 //! Values of a level set in a box, dense.
 //!
 //! For analyses that sample between voxels. Voxels without a stored leaf have plus or minus the background; memory is
-//! four bytes per voxel of the box.
+//! four bytes per voxel of the box. Not promised: places are not checked; beyond the box [`DenseValues::at`] panics or
+//! gives the value of another voxel.
 
 use super::leaf_source::LeafSource;
 use druse_geometry::frame::{Coord, Vec3};

@@ -2,6 +2,7 @@
 //!
 //! The tree in memory and the leaf files on disk implement it, so that both give the same analysis. A region is a box
 //! of voxels, both corners included. Everything that is neither in a leaf nor in an inside cube lies outside.
+//! Not promised: leaves and cubes come in no stated order, and may reach beyond the region.
 
 use druse_geometry::frame::Coord;
 use druse_geometry::progress::Cancelled;

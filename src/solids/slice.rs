@@ -7,7 +7,8 @@
 //!
 //! The plane's axes (u, v) and the axis of the layers are right-handed: along z they are (x, y), along x
 //! (y, z), along y (z, x). Outlines are counter-clockwise around the solid and clockwise around its holes.
-//! Row 0 of an image is at the largest v.
+//! Row 0 of an image is at the largest v. Not promised: walls and gaps thinner than a pixel may be lost, and nothing is
+//! compensated for the width of a beam or the growth of resin.
 
 use druse_geometry::field::{SampleLattice, WorldField};
 use druse_geometry::frame::{Aabb, Vec3, WorldPoint};

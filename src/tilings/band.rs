@@ -11,8 +11,8 @@
 //! - A leaf is **kept** if it has an active voxel. Kept leaves of a block are sorted by origin.
 //! - Inside is `d < 0`; zero is outside. Samples in a contact plane of two solids take the value of a
 //!   neighbour, so that the solids merge.
-//! - Results do not depend on the number of threads or on the order of the blocks.
-//! - Files and stores of leaves, redistancing, smoothing and estimates work on such bands.
+//! - No result depends on threads or the order of blocks. Leaf files, redistancing and estimates work on such bands.
+//! - Not promised: walls and gaps thinner than a voxel may fall between samples; a field that is no distance stays so.
 
 use druse_geometry::field::WorldField;
 use druse_geometry::frame::{Aabb, Coord, Transform, WorldPoint};

@@ -7,7 +7,8 @@
 //!
 //! Elements and nodes count from 0 in the order given; messages name elements by the file's own
 //! numbers ([`Scaffold::number`]). Jacobians that are negative everywhere are harmless (mirror numbering);
-//! [`Scaffold::validate`] finds Jacobians that change sign.
+//! [`Scaffold::validate`] finds Jacobians that change sign. Not promised: [`Scaffold::new`] takes elements that fold,
+//! overlap or share no nodes where they touch; [`Scaffold::report`] names them, and nothing here mends them.
 //!
 //! ```
 //! # mod druse { pub use druse_geometry::*; pub use druse_tilings::*; }
