@@ -1,7 +1,24 @@
 //! Progress, cancellation and thread pools, passed as values: none of them is state of the process.
 //!
 //! The caller owns the object that receives progress and the pool; work borrows both. Cancellation is cooperative: work
-//! checks it and returns [`Cancelled`], and leaves no partial result.
+//! checks it and returns [`Cancelled`], and leaves no partial result. Not promised: units of a stage may take unlike
+//! times, and a stage may end before its total; parallel loops outside [`Threads::install`] run in rayon's own pool.
+//!
+//! ```
+//! # extern crate druse_geometry as druse;
+//! use druse::progress::{Cancelled, Progress, Threads};
+//! use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+//! struct UpToThree(AtomicU64);
+//! impl Progress for UpToThree {
+//!     fn stage(&self, _: &str, _: Option<u64>) {}
+//!     fn advance(&self, n: u64) { self.0.fetch_add(n, Relaxed); }
+//!     fn cancelled(&self) -> bool { self.0.load(Relaxed) >= 3 }
+//! }
+//! let units = UpToThree(AtomicU64::new(0));
+//! let unit = |_| if units.cancelled() { Err(Cancelled) } else { Ok(units.advance(1)) };
+//! let work = Threads::new(2).unwrap().install(|| (0..10).try_for_each(unit));
+//! assert_eq!((work, units.0.into_inner()), (Err(Cancelled), 3));
+//! ```
 
 /// Receives progress and reports cancellation. One object serves a whole run.
 pub trait Progress: Sync {

@@ -1,6 +1,17 @@
 //! Union-find: disjoint sets of integers, for connected components.
 //!
 //! Members are numbers from 0. Results do not depend on the order of unions, since the least member represents a set.
+//!
+//! ```
+//! # extern crate druse_geometry as druse;
+//! use druse::union_find::UnionFind;
+//! let mut sets = UnionFind::new(5);
+//! sets.union(4, 1);
+//! sets.union(3, 4);
+//! assert_eq!(sets.find(3), 1);
+//! // Three sets, by their first members: {0}, {1, 3, 4}, {2}.
+//! assert_eq!(sets.labels(0..5), (vec![0, 1, 2, 1, 1], 3));
+//! ```
 
 /// Disjoint sets of the integers below a count, each a set of its own at first. The least member represents
 /// its set, so no result depends on the order of the unions.

@@ -4,8 +4,28 @@
 //! there to the outside: the maximin of the distance to the surface over all paths. It is found by uniting
 //! voxels in falling distance, from which the outside grows inwards. A component that meets the outside at
 //! the level s, and is deeper than s, is a cavity with escape radius s; a component that never meets it is
-//! closed. Each voxel belongs to the cavity that its steepest ascent ends in.
+//! closed. Each voxel belongs to the cavity that its steepest ascent ends in. Not promised: ways narrower than a
+//! voxel, which may count as closed, and voids that a ball of the reach can leave, however long the way.
 //!
+//! ```
+//! # mod druse { pub use druse_geometry::*; pub use druse_solids::*; pub use druse_tilings::*; }
+//! use druse::{Task, band::*, cavities::*, field::*, frame::*, progress::*};
+//! let ball = |radius| Sphere { centre: Vec3::zeros(), radius };
+//! let hollow = Intersection(vec![Box::new(ball(12.0)), Box::new(Complement(Box::new(ball(6.0))))]);
+//! let extent = Aabb { min: Vec3::repeat(-12.0), max: Vec3::repeat(12.0) };
+//! let threads = Threads::new(1).unwrap();
+//! let file = std::env::temp_dir().join(format!("druse-hollow-{}", std::process::id()));
+//! let head = LeafFileHead { plan: [0; 32], brick: 0, background: 3.0 };
+//! let sink = LeafFileWriter::new(std::fs::File::create(&file).unwrap(), &head).unwrap();
+//! Band::new(&hollow, extent, 1.0).unwrap().evaluate(&threads, &Silent, &sink).unwrap();
+//! sink.finish().unwrap();
+//! let store = LeafStore::open(vec![(file.clone(), head)], &threads, &Silent).unwrap();
+//! let task = Task { threads: &threads, progress: &Silent };
+//! let found = find_cavities(&store, Measure::new(1.0, 3.0, DEFAULT_CAVITY_REACH), task).unwrap();
+//! // One that nothing leaves; 4/3 pi 6^3 in volume.
+//! assert!(found.closed() == 1 && (found.list[0].volume / 904.8 - 1.0).abs() < 0.05);
+//! # std::fs::remove_file(file).unwrap();
+//! ```
 //! Most of the void is found to be open from signs alone (`open_void`), and is not measured.
 //!
 //! Blocks of 128^3 voxels are processed separately, with a halo as wide as the greatest distance. A block keeps its

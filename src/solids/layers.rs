@@ -3,15 +3,37 @@
 //! A layer is represented by the plane section at its mid-height, on square pixels of one voxel; a pixel is solid where
 //! the trilinear value at its centre is negative. Pixels are connected over edges. The first layer lies on the plate.
 //! Areas are those within the outline, which runs straight between the centres of pixels (`raster`).
+//! Not promised: supports, heat or warp; what is thinner than a pixel or a layer may fall between their centres.
 //!
 //! - An **island** is a component of the solid pixels that lies over no solid pixel of the layer below.
 //! - The **overhanging** pixels of a layer are over void, and farther from the solid below than the overhang angle
-//!   admits. A pixel may be wider than the step that the angle admits over one layer; the solid below is
-//!   therefore that of the nearest lower layer over which the admitted step is at least a pixel.
+//!   admits. The solid below is that of the nearest lower layer over which the admitted step is at least a pixel.
 //! - A **hole** is a component of the void pixels within the outline of the solid. A **cup** is a hole that lies
 //!   over no void pixel of the layer below: it begins over solid or, in the first layer, over the plate.
 //! - A **pocket** is a connected part of the void of all layers so far; it is **open** where it leads outside the
 //!   outline of a layer, else **sealed**.
+//!
+//! ```
+//! # mod druse { pub use druse_geometry::*; pub use druse_solids::*; pub use druse_tilings::*; }
+//! use druse::{Task, band::*, field::*, frame::*, layers::*, progress::*};
+//! let block = |min: [f64; 3], max: [f64; 3]| Aabb { min: min.into(), max: max.into() };
+//! let extent = block([0.0; 3], [24.0, 10.0, 10.0]);
+//! // One on the plate; another, of 10 x 10, that begins 5 above it and meets nothing.
+//! let [low, high] = [block([0.0; 3], [10.0; 3]), block([14.0, 0.0, 5.0], [24.0, 10.0, 10.0])];
+//! let pair = Union(vec![Box::new(BoxSolid(low)), Box::new(BoxSolid(high))]);
+//! let threads = Threads::new(1).unwrap();
+//! let file = std::env::temp_dir().join(format!("druse-pair-{}", std::process::id()));
+//! let head = LeafFileHead { plan: [0; 32], brick: 0, background: 3.0 };
+//! let sink = LeafFileWriter::new(std::fs::File::create(&file).unwrap(), &head).unwrap();
+//! Band::new(&pair, extent, 1.0).unwrap().evaluate(&threads, &Silent, &sink).unwrap();
+//! sink.finish().unwrap();
+//! let store = LeafStore::open(vec![(file.clone(), head)], &threads, &Silent).unwrap();
+//! let task = Task { threads: &threads, progress: &Silent };
+//! let request = BuildRequest { up: Vec3::z(), layer_height: 1.0, overhang_angle: 45.0 };
+//! let found = build_layers(&store, 1.0, 3.0, &request, task).unwrap();
+//! assert!(found.islands.len() == 1 && (found.islands[0].area - 100.0).abs() < 5.0);
+//! # std::fs::remove_file(file).unwrap();
+//! ```
 
 use super::Task;
 use super::leaf_source::LeafSource;

@@ -1,7 +1,8 @@
 //! Tilings: one cell over all elements of a scaffold, as a signed distance field in world space.
 //!
 //! [`TiledSolid`] states the field and its distance rules Q and R. Five evaluators compute values; the
-//! first row that applies is used. [`TiledSolid::new`] decides on the first, `fill` on the others.
+//! first row that applies is used. [`TiledSolid::new`] decides on the first, `fill` on the others. Not promised: rule
+//! Q is no exact distance off the surface, and where elements meet the surface may have a crease.
 //!
 //! | module | elements | conditions | method |
 //! |---|---|---|---|
@@ -10,6 +11,22 @@
 //! | `affine` | at most 1,024 affine elements near a lattice | rule Q | 64 samples at a time, no search |
 //! | `curved` | any | rule Q | blocks of 2^3 samples, Newton's method for the inverse map |
 //! | `distance_scale`, `exact` | any | single points, rule R, several components without a cut | point by point |
+//!
+//! ```
+//! # mod druse { pub use druse_cells::*; pub use druse_geometry::*; pub use druse_tilings::*; }
+//! use druse::cell::{Surface, Table};
+//! use druse::field::Field;
+//! use druse::frame::{Element, Vec3, WorldPoint};
+//! use druse::scaffold::{Kind, Scaffold};
+//! use druse::tiling::{TiledSolid, TilingOptions};
+//! let table = Table::new(&Surface::SchwarzP.cell(Element::Hex).unwrap()).unwrap();
+//! let cubes = Scaffold::box_grid(Vec3::repeat(2.0), [2; 3], Kind::Hex8).unwrap();
+//! let solid = TiledSolid::new(&cubes, &table, TilingOptions::new(0.05)).unwrap();
+//! let on_diagonal = |s| solid.value(WorldPoint(Vec3::repeat(s)));
+//! // The diagonal of a cube meets the surface at a right angle halfway from the centre to the corner.
+//! assert!(on_diagonal(0.75).abs() < 1e-4);
+//! assert!((on_diagonal(0.71) - 0.04 * 3f64.sqrt()).abs() < 0.06 * 0.05);
+//! ```
 
 use crate::scaffold::Scaffold;
 use druse_cells::cell::Table;

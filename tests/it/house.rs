@@ -28,7 +28,7 @@ const LINE_BUDGETS: [(&str, usize); 14] = [
     ("effective", 8950),
     ("crystal", 8250),
     ("formats", 20600),
-    ("solids", 5750),
+    ("solids", 5800),
     ("vdb", 11700),
     ("recipe", 5650),
     ("pipeline", 23950),
