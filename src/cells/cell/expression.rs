@@ -33,9 +33,9 @@ pub enum Node {
     /// The weighted sum of functions.
     Sum(Vec<(f64, Expression)>),
     /// The minimum, rounded where values are closer than the radius (in field units).
-    Least(Vec<Expression>, f64),
+    Min(Vec<Expression>, f64),
     /// The maximum, rounded likewise.
-    Greatest(Vec<Expression>, f64),
+    Max(Vec<Expression>, f64),
     /// The magnitude |phi|.
     Magnitude(Expression),
     /// The function minus a constant: phi - c.
@@ -164,16 +164,16 @@ impl Expression {
     /// # Errors
     /// [`CellError::Expression`] for no parts or too many, or a radius that is negative or not
     /// finite.
-    pub fn least(parts: Vec<Self>, radius: f64) -> Result<Self, CellError> {
-        Self::extreme(parts, radius, Node::Least)
+    pub fn min(parts: Vec<Self>, radius: f64) -> Result<Self, CellError> {
+        Self::extreme(parts, radius, Node::Min)
     }
 
     /// The maximum of functions, which is the intersection of their solids; rounded likewise.
     ///
     /// # Errors
-    /// As [`Expression::least`].
-    pub fn greatest(parts: Vec<Self>, radius: f64) -> Result<Self, CellError> {
-        Self::extreme(parts, radius, Node::Greatest)
+    /// As [`Expression::min`].
+    pub fn max(parts: Vec<Self>, radius: f64) -> Result<Self, CellError> {
+        Self::extreme(parts, radius, Node::Max)
     }
 
     /// A rounded minimum or maximum of the parts; that of one part is the part.
@@ -230,7 +230,7 @@ impl Expression {
         match self.node() {
             Node::Series(_) | Node::Planar(_) | Node::Icosahedral(_) => Vec::new(),
             Node::Sum(parts) => parts.iter().map(|p| &p.1).collect(),
-            Node::Least(parts, _) | Node::Greatest(parts, _) => parts.iter().collect(),
+            Node::Min(parts, _) | Node::Max(parts, _) => parts.iter().collect(),
             Node::Magnitude(part) | Node::Shift(part, _) | Node::Negation(part) => vec![part],
         }
     }

@@ -218,8 +218,8 @@ fn write_function(text: &mut String, function: &Expression) {
             }
             text.push_str("]}");
         }
-        Node::Least(parts, radius) => extreme(text, "least", parts, *radius),
-        Node::Greatest(parts, radius) => extreme(text, "greatest", parts, *radius),
+        Node::Min(parts, radius) => extreme(text, "least", parts, *radius),
+        Node::Max(parts, radius) => extreme(text, "greatest", parts, *radius),
         Node::Magnitude(part) | Node::Negation(part) => {
             let word = match function.node() {
                 Node::Magnitude(_) => "magnitude",

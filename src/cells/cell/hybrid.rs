@@ -106,8 +106,8 @@ impl Cell {
             .map(|c| c.unit_expression())
             .collect::<Result<Vec<_>, _>>()?;
         let expression = match join {
-            Join::Union => Expression::least(expressions, radius)?,
-            Join::Intersection => Expression::greatest(expressions, radius)?,
+            Join::Union => Expression::min(expressions, radius)?,
+            Join::Intersection => Expression::max(expressions, radius)?,
             Join::Difference => {
                 let (first, rest) = expressions.split_at(1);
                 if rest.is_empty() {
@@ -117,7 +117,7 @@ impl Cell {
                 }
                 let mut all = first.to_vec();
                 all.extend(rest.iter().map(Expression::negated));
-                Expression::greatest(all, radius)?
+                Expression::max(all, radius)?
             }
         };
         Self::new(name, element, expression)

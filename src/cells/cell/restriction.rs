@@ -252,7 +252,7 @@ mod tests {
     fn functions_without_coefficients_are_compared_at_points() {
         let p = Surface::SchwarzP.cell(Element::Hex).unwrap();
         let gyroid = Surface::Gyroid.cell(Element::Hex).unwrap();
-        let least = crate::cell::Expression::least(
+        let least = crate::cell::Expression::min(
             vec![p.expression().clone(), gyroid.expression().clone()],
             0.1,
         );

@@ -85,7 +85,7 @@ proptest! {
             .iter()
             .map(|(k, c, by)| cosines([*k, 0, 0], *c).expression().shifted(*by))
             .collect();
-        for extreme in [Expression::least, Expression::greatest] {
+        for extreme in [Expression::min, Expression::max] {
             let function = extreme(operands.clone(), radius).unwrap();
             let bound = function.bound(&region);
             for p in &points {
@@ -181,7 +181,7 @@ fn joins_are_those_of_sets() {
     );
     let of = |join, radius| Cell::joined("x", join, &[&p, &d], radius).unwrap();
     let rounded = of(Join::Union, 0.2);
-    assert!(matches!(rounded.expression().node(), Node::Least(_, r) if *r == 0.2));
+    assert!(matches!(rounded.expression().node(), Node::Min(_, r) if *r == 0.2));
     for i in 0..400 {
         let x = |k: i32| f64::from((i * k) % 97) / 97.0 - 0.5;
         let q = at(x(13), x(29), x(51));

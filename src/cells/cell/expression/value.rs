@@ -37,7 +37,7 @@ impl Expression {
     /// The value, where `leaf` gives the values of the leaves.
     /// Without parts, which construction excludes, a minimum would be infinite.
     pub(in crate::cell) fn value_with(&self, leaf: &mut dyn FnMut(&Node) -> f64) -> f64 {
-        let mut least = |parts: &[Self], radius: f64, sign: f64| {
+        let mut min = |parts: &[Self], radius: f64, sign: f64| {
             parts
                 .iter()
                 .map(|f| sign * f.value_with(leaf))
@@ -47,8 +47,8 @@ impl Expression {
         match self.node() {
             Node::Series(_) | Node::Planar(_) | Node::Icosahedral(_) => leaf(self.node()),
             Node::Sum(parts) => parts.iter().map(|(w, f)| w * f.value_with(leaf)).sum(),
-            Node::Least(parts, radius) => least(parts, *radius, 1.0),
-            Node::Greatest(parts, radius) => -least(parts, *radius, -1.0),
+            Node::Min(parts, radius) => min(parts, *radius, 1.0),
+            Node::Max(parts, radius) => -min(parts, *radius, -1.0),
             Node::Magnitude(f) => f.value_with(leaf).abs(),
             Node::Shift(f, by) => f.value_with(leaf) - by,
             Node::Negation(f) => -f.value_with(leaf),
@@ -63,7 +63,7 @@ impl Expression {
     ) -> ValueAndGradient {
         // Minimum of the parts from first to last. In the rounded zone the gradient is the mean of both, with
         // weights that add up to 1.
-        let mut least =
+        let mut min =
             |parts: &[Self], radius: f64, transform: fn(ValueAndGradient) -> ValueAndGradient| {
                 parts
                     .iter()
@@ -80,9 +80,9 @@ impl Expression {
                 let (v, d) = f.gradient_with(leaf);
                 (s + w * v, g + d * *w)
             }),
-            Node::Least(parts, radius) => least(parts, *radius, |s| s),
+            Node::Min(parts, radius) => min(parts, *radius, |s| s),
             // max(a, b) = -min(-a, -b), for values and gradients alike.
-            Node::Greatest(parts, radius) => negative(least(parts, *radius, negative)),
+            Node::Max(parts, radius) => negative(min(parts, *radius, negative)),
             Node::Magnitude(f) => {
                 let slope = f.gradient_with(leaf);
                 if slope.0 < 0.0 {
@@ -106,7 +106,7 @@ impl Expression {
         &self,
         leaf: &mut dyn FnMut(&Node) -> (Interval, f64),
     ) -> (Interval, f64) {
-        let mut least = |parts: &[Self], radius: f64, transform: fn(Interval) -> Interval| {
+        let mut min = |parts: &[Self], radius: f64, transform: fn(Interval) -> Interval| {
             let ranges: Vec<(Interval, f64)> = parts
                 .iter()
                 .map(|f| {
@@ -146,9 +146,9 @@ impl Expression {
                         (sum, steepest + w.abs() * slope)
                     })
             }
-            Node::Least(parts, radius) => least(parts, *radius, |i| i),
-            Node::Greatest(parts, radius) => {
-                let (i, slope) = least(parts, *radius, Interval::negated);
+            Node::Min(parts, radius) => min(parts, *radius, |i| i),
+            Node::Max(parts, radius) => {
+                let (i, slope) = min(parts, *radius, Interval::negated);
                 (i.negated(), slope)
             }
             Node::Magnitude(f) => {
@@ -182,7 +182,7 @@ impl Expression {
                 let e = f.error_bound_with(leaf);
                 std::array::from_fn(|i| sum[i] + w.abs() * e[i])
             }),
-            Node::Least(parts, radius) | Node::Greatest(parts, radius) => {
+            Node::Min(parts, radius) | Node::Max(parts, radius) => {
                 let [value, gradient, slope] = parts.iter().fold([0.0; 3], |most, f| {
                     let e = f.error_bound_with(leaf);
                     std::array::from_fn(|i| f64::max(most[i], e[i]))
@@ -268,8 +268,8 @@ mod tests {
         let leaves = vec![leaf(); 8];
         let radius = 0.3;
         for n in 2..=8 {
-            let least = Expression::least(leaves[..n].to_vec(), radius).unwrap();
-            let greatest = Expression::greatest(leaves[..n].to_vec(), radius).unwrap();
+            let least = Expression::min(leaves[..n].to_vec(), radius).unwrap();
+            let greatest = Expression::max(leaves[..n].to_vec(), radius).unwrap();
             for round in 0..4000 {
                 let is_chain = round % 2 == 0;
                 // The middle of each interval, its half width, the value within, and the gradient along x.

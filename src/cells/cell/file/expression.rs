@@ -36,8 +36,10 @@ pub(super) struct SeriesEntry {
 pub(super) enum ExpressionEntry {
     Series(SeriesEntry),
     Sum(Vec<Weighted>),
-    Least(Parts),
-    Greatest(Parts),
+    #[serde(rename = "least")]
+    Min(Parts),
+    #[serde(rename = "greatest")]
+    Max(Parts),
     Magnitude(Box<ExpressionEntry>),
     Shift(Shifted),
     Negation(Box<ExpressionEntry>),
@@ -134,8 +136,8 @@ impl Reader<'_> {
                 }
                 Expression::sum(functions)
             }
-            ExpressionEntry::Least(p) => Expression::least(all(&p.parts)?, p.radius),
-            ExpressionEntry::Greatest(p) => Expression::greatest(all(&p.parts)?, p.radius),
+            ExpressionEntry::Min(p) => Expression::min(all(&p.parts)?, p.radius),
+            ExpressionEntry::Max(p) => Expression::max(all(&p.parts)?, p.radius),
             ExpressionEntry::Magnitude(part) => Ok(self.function(part)?.magnitude()),
             ExpressionEntry::Shift(s) if !is_in_range(s.by) => Err(CellError::Expression(format!(
                 "shift by {}; expected a finite number below 1e18",

@@ -217,8 +217,8 @@ impl Graph {
                 let values = values.collect();
                 self.sum(values)
             }
-            Node::Least(parts, radius) => self.extreme("min", parts, *radius),
-            Node::Greatest(parts, radius) => self.extreme("max", parts, *radius),
+            Node::Min(parts, radius) => self.extreme("min", parts, *radius),
+            Node::Max(parts, radius) => self.extreme("max", parts, *radius),
             Node::Magnitude(part) => {
                 let value = self.expression(part);
                 self.single("abs", &value)
