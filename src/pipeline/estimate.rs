@@ -96,12 +96,16 @@ pub(super) fn shortage(
     let Some(available) = budget.or_else(free) else {
         return Ok(None);
     };
-    let needed = |counts: &Counts| predict(inputs, threads, counts).peak_memory_bytes;
-    if full_box_counts(inputs)?.is_some_and(|bound| needed(&bound) <= available) {
+    let fits = |counts: &Counts, source: &str| {
+        let needed = predict(inputs, threads, counts).peak_memory_bytes;
+        log::debug!(target: "druse::run", "prediction from {source}: {needed} bytes; the run may use {available}");
+        needed <= available
+    };
+    if full_box_counts(inputs)?.is_some_and(|bound| fits(&bound, "the full box")) {
         return Ok(None);
     }
     let counts = counts(inputs, threads, progress)?;
-    Ok((needed(&counts) > available).then_some(Shortage { counts, available }))
+    Ok((!fits(&counts, "a sampling")).then_some(Shortage { counts, available }))
 }
 
 /// The error of a run that cannot be divided into bricks for a `reason`: too little memory, with a voxel size that

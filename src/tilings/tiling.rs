@@ -278,19 +278,17 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
         // its slope bounded and single precision enough, by rules P and Q.
         let hex_grid = filling
             .products()
+            .ok_or("the cell is no short series of products of sines")
             .and_then(|products| axis_aligned::HexGrid::new(scaffold, products, &patches, options));
         let max_slope_sup = patches.iter().map(|p| p.slope_sup).fold(0.0, f64::max);
         if log::log_enabled!(target: "druse::tiling", log::Level::Debug) {
             let affine = patches.iter().filter(|p| p.is_affine()).count();
-            let kernel = match (&hex_grid, filling.products()) {
-                (Some(_), _) => "products of sines: one box of equal hexes along the axes",
-                (None, Some(_)) => {
-                    "tables: no box of equal hexes along the axes, a wide band, exact distances or too few digits"
-                }
-                (None, None) => "tables: the cell is no short series of products of sines",
+            let (kernel, cause) = match &hex_grid {
+                Ok(_) => ("products of sines", "one box of equal hexes along the axes"),
+                Err(cause) => ("tables", *cause),
             };
             log::debug!(target: "druse::tiling",
-                "tiling: {} elements, {affine} of them affine, {} components; kernel: {kernel}",
+                "tiling: {} elements, {affine} of them affine, {} components; kernel: {kernel}, because {cause}",
                 patches.len(),
                 components.len()
             );
@@ -303,7 +301,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
             patches,
             component_of,
             components,
-            hex_grid,
+            hex_grid: hex_grid.ok(),
             interpolation_tolerance: None,
             visits: None,
         })

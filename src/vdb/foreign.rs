@@ -132,13 +132,13 @@ impl Volume {
                 // Signs of inactive values are free to mend, because the band beside them fixes them.
                 let wrong = self.fill_signs(session).map_err(failed)?;
                 let mut notes = repair.notes;
-                for note in &notes {
-                    log::info!(target: "druse::vdb", "{}, grid {}: {note}", path.display(), self.name);
-                }
                 if wrong > 0 {
                     notes.push(format!(
                         "{wrong} inactive values had the wrong sign; they now have the sign of the band beside them"
                     ));
+                }
+                for note in &notes {
+                    log::info!(target: "druse::vdb", "{}, grid {}: {note}", path.display(), self.name);
                 }
                 let (transform, origin) = self.frame().map_err(failed)?;
                 let solid = LevelSet {

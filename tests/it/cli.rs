@@ -227,16 +227,27 @@ fn wrappers_get_progress_as_lines() {
 
 #[test]
 fn decisions_are_shown_at_the_level_that_is_named() {
-    let place = Place::with(BALL);
+    let place = Place::with(&format!(
+        "{BALL}[[op]]\nunion = {{ mesh = \"t.obj\" }}\n[cell.g]\nsurface = \"gyroid\"\n[scaffold]\nfile = \"h.inp\"\n[tiling]\ncell = \"g\"\n"
+    ));
+    // A tet with its triangles inward, and a hex that the deck has twice.
+    let tet = "v 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 1 2 3\nf 1 4 2\nf 2 4 3\nf 1 3 4\n";
+    place.write("t.obj", tet);
+    let nodes = "1,0,0,0\n2,4,0,0\n3,4,4,0\n4,0,4,0\n5,0,0,4\n6,4,0,4\n7,4,4,4\n8,0,4,4";
+    let hexes = "*ELEMENT,TYPE=C3D8\n1,1,2,3,4,5,6,7,8\n2,1,2,3,4,5,6,7,8";
+    place.write("h.inp", format!("*NODE\n{nodes}\n{hexes}\n"));
     let shown = |level: &[&str]| {
         let output = place.run(&[&["run", "r.toml"], level].concat());
         text(&output.stderr)
     };
-    let debug = shown(&["--log=debug"]);
-    assert!(debug.contains("debug: run in memory"), "{debug}");
-    for level in [&[][..], &["--log=info"]] {
-        assert!(!shown(level).contains("debug:"));
-    }
+    let repairs = "info: t.obj: the triangles are oriented inward|info: scaffold: 1 duplicate elements were merged";
+    let choices = "debug: run in memory|bytes; the run may use|table of a cell|cosines replace the look-up|\
+        kernel: tables, because the band is wide";
+    let has = |shown: &str, words: &str| words.split('|').all(|w| shown.contains(w));
+    let [none, info, debug] = [&[][..], &["--log=info"], &["--log=debug"]].map(shown);
+    assert!(has(&debug, choices) && has(&debug, repairs), "{debug}");
+    assert!(has(&info, repairs) && !info.contains("debug:"), "{info}");
+    assert!(!none.contains("info:"), "{none}");
 }
 
 #[test]

@@ -187,6 +187,7 @@ impl<'a> InputFiles<'a> {
     fn repaired(&mut self, key: &str, mesh: TriMesh, path: &Path) -> Result<MeshSolid, RunError> {
         let (solid, repairs) = MeshSolid::repaired(mesh).map_err(|e| not_a_solid(path, &e))?;
         for repair in repairs {
+            log::info!(target: "druse::mesh", "{}: {repair}", path.display());
             let code = match repair.kind {
                 RepairKind::United | RepairKind::Repeated => Warning::OVERLAP,
                 RepairKind::Flipped | RepairKind::Closed => Warning::MESH,

@@ -125,6 +125,9 @@ pub(crate) fn load(
         |files| {
             let source = divided_scaffold(files, section, &Pose::current(files.recipe), progress)?;
             let mut report = validate(files, &source.scaffold, source.path.as_deref())?;
+            for note in &source.notes {
+                log::info!(target: "druse::scaffold", "scaffold: {note}");
+            }
             report.notes = source.notes;
             Ok(CheckedScaffold {
                 scaffold: Arc::new(source.scaffold),

@@ -56,25 +56,29 @@ pub(super) struct HexGrid {
 }
 
 impl HexGrid {
-    /// The tiling as such a box; `None` if the scaffold, the cell or the options do not allow it.
+    /// The tiling as such a box, or the cause why the scaffold, the cell or the options do not allow it.
     pub fn new(
         scaffold: &Scaffold,
         products: &Products,
         patches: &[Patch],
         options: TilingOptions,
-    ) -> Option<Self> {
-        let (bounds, centre, size) = grid(scaffold, products.fits_any_numbering())?;
+    ) -> Result<Self, &'static str> {
+        let (bounds, centre, size) = grid(scaffold, products.fits_any_numbering())
+            .ok_or("the scaffold is no box of equal hexes along the axes")?;
         let (slope_sup, slope_rms) = (patches[0].slope_sup, patches[0].slope_rms);
         let wave_number = size.map(|s| std::f64::consts::TAU / s);
         let max_step = 2.0 * options.half_width;
         let max_angle = wave_number.max() * max_step;
         // The kernel has rule Q only. Steps of large angles leave the accuracy of `Products::advanced`; without L the
         // scale has no lower bound.
-        if options.distance != Distance::Fast
-            || max_angle > MAX_STEP_ANGLE
-            || !slope_sup.is_finite()
-        {
-            return None;
+        if options.distance != Distance::Fast {
+            return Err("distances are exact");
+        }
+        if max_angle > MAX_STEP_ANGLE {
+            return Err("the band is wide beside the hexes");
+        }
+        if !slope_sup.is_finite() {
+            return Err("the slope has no bound");
         }
         let h = options.voxel_size;
         // The limits are those of `newton_distance`, with the tolerance of a zero in single precision.
@@ -90,7 +94,7 @@ impl HexGrid {
         };
         // Single precision must hold all parameters and the series.
         if !rule.is_finite() || !products.is_single() {
-            return None;
+            return Err("single precision does not hold the parameters");
         }
         let periods = Periods {
             centre,
@@ -127,7 +131,7 @@ impl HexGrid {
         if let Some(scales) = found {
             hex_grid.scales = scales;
         }
-        Some(hex_grid)
+        Ok(hex_grid)
     }
 
     /// Whether distances with these interpolated scales are within the tolerances of those with exact scales.

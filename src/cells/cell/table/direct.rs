@@ -38,6 +38,7 @@ impl Table {
         self.gradient_bounds = self.gradient_bounds.take().map(|s| s.widened(value, slope));
         self.error_rms = 0.0;
         self.is_direct = true;
+        log::debug!(target: "druse::cell", "{} products of sines and cosines replace the look-up", products.terms());
     }
 
     /// Whether values are computed from products of sines and cosines, not from the spline.
