@@ -8,6 +8,7 @@ use super::output::Answer;
 use super::require::MeasuredPart;
 use super::solid_text::solid_screen;
 use crate::io::read_solid;
+use crate::mesh::{SelfIntersections, check_with};
 use crate::progress::Threads;
 use crate::vdb;
 use crate::vdb::{Adopted, FileError, GridInfo};
@@ -54,7 +55,7 @@ fn mesh(p: &Parameters, session: &Session) -> Result<Answer, Failure> {
     }
     let require = p.require.read()?;
     let solid = read_solid(path)?;
-    let report = crate::mesh::check_with(&solid.file.mesh, true, session)
+    let report = check_with(&solid.file.mesh, SelfIntersections::Search, session)
         // The only error is a cancellation.
         .map_err(|_| Failure::stopped(130))?;
     let (mut text, facts, passed) = solid_screen(path, &solid, &report);

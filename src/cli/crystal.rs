@@ -8,7 +8,7 @@ use crate::io::atomic::{StagedPath, require_writable, write_bytes};
 use crate::io::{
     DiskFiles, read_polymesh, read_script, write_legacy_obj, write_mesh, write_polymesh,
 };
-use crate::mesh::MeshReport;
+use crate::mesh::{MeshReport, SelfIntersections, check_with};
 use crate::pipeline::{clock_parameters, crystal_script};
 use crate::polymesh::{Interpreter, LoadOptions, PolyMesh, Script, Triangulated};
 use crate::recipe::{Length, PictureSize, Recipe};
@@ -339,8 +339,8 @@ fn self_intersections(
         );
         return Ok(Some((line, json!({ "searched": false }))));
     }
-    let report: MeshReport =
-        crate::mesh::check_with(&cut.mesh, true, session).map_err(|_| Failure::stopped(130))?;
+    let report: MeshReport = check_with(&cut.mesh, SelfIntersections::Search, session)
+        .map_err(|_| Failure::stopped(130))?;
     session.finish();
     let shared_edges = report.nonmanifold_edges.count;
     let finding = report.self_intersections.unwrap_or_default();

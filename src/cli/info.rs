@@ -7,6 +7,7 @@ use super::kind::FileKind;
 use super::output::Answer;
 use crate::frame::{Aabb, Vec3};
 use crate::io::{read_cell, read_solid};
+use crate::mesh::{SelfIntersections, check_with};
 use crate::recipe::Recipe;
 use crate::vdb::FileInfo;
 use clap::Args;
@@ -101,7 +102,7 @@ fn recipe(path: &Path) -> Result<(String, Value), Failure> {
 /// The summary of a mesh with its defects, without a search for self-intersections.
 fn mesh(path: &Path, session: &Session) -> Result<(String, Value), Failure> {
     let solid = read_solid(path)?;
-    let report = crate::mesh::check_with(&solid.file.mesh, false, session)
+    let report = check_with(&solid.file.mesh, SelfIntersections::Skip, session)
         .map_err(|_| Failure::stopped(130))?;
     let (mut text, facts, _) = super::solid_text::solid_screen(path, &solid, &report);
     for warning in &solid.file.warnings {

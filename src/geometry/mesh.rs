@@ -55,9 +55,9 @@ mod winding;
 
 #[doc(hidden)]
 pub use bvh::Bvh;
-#[doc(hidden)]
-pub use check::check_with;
 pub use check::{Defect, Finding, MeshReport, check};
+#[doc(hidden)]
+pub use check::{SelfIntersections, check_with};
 pub use cloud::{CloudError, CloudSolid};
 #[doc(hidden)]
 pub use collapse::{CollapseGoal, collapsed};

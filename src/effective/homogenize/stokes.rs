@@ -436,14 +436,15 @@ const fn others(axis: usize) -> [usize; 2] {
 fn ghosts(grid: Grid, flags: &[u8]) -> Vec<u16> {
     let counts = grid.counts();
     let strides = [counts[1] * counts[2], counts[2], 1];
-    let moved = |n: usize, axis: usize, forward: bool| {
-        let at = n / strides[axis] % counts[axis];
-        match (forward, at) {
-            (true, at) if at + 1 == counts[axis] => n - at * strides[axis],
-            (true, _) => n + strides[axis],
-            (false, 0) => n + (counts[axis] - 1) * strides[axis],
-            (false, _) => n - strides[axis],
-        }
+    // The neighbours of a voxel on an axis, of the next period beyond the ends.
+    let at = |n: usize, axis: usize| n / strides[axis] % counts[axis];
+    let before = |n: usize, axis: usize| match at(n, axis) {
+        0 => n + (counts[axis] - 1) * strides[axis],
+        _ => n - strides[axis],
+    };
+    let after = |n: usize, axis: usize| match at(n, axis) {
+        last if last + 1 == counts[axis] => n - last * strides[axis],
+        _ => n + strides[axis],
     };
     let is_fluid = |n: usize| flags[n] & 8 != 0;
     (0..flags.len())
@@ -451,10 +452,9 @@ fn ghosts(grid: Grid, flags: &[u8]) -> Vec<u16> {
             let mut code = 0;
             for c in (0..3).filter(|c| flags[n] >> c & 1 == 1) {
                 for (place, axis) in others(c).into_iter().enumerate() {
-                    for forward in [false, true] {
-                        let other = moved(n, axis, forward);
+                    for other in [before(n, axis), after(n, axis)] {
                         // The face between two solid voxels.
-                        let is_inside = !is_fluid(other) && !is_fluid(moved(other, c, false));
+                        let is_inside = !is_fluid(other) && !is_fluid(before(other, c));
                         code += u16::from(is_inside) << (4 * c + 2 * place);
                     }
                 }

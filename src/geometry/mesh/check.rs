@@ -203,18 +203,27 @@ impl fmt::Display for MeshReport {
 /// assert!(report.is_sound() && report.components == 1);
 /// ```
 pub fn check(mesh: &TriMesh) -> MeshReport {
-    check_with(mesh, true, &Silent)
+    check_with(mesh, SelfIntersections::Search, &Silent)
         .unwrap_or_else(|Cancelled| unreachable!("`Silent` never cancels"))
 }
 
-/// Checks a mesh; the search for self-intersections, the most expensive part, is optional. Without it
-/// `self_intersections` and `shells` of the report are `None`; `shells` is so too where too many boxes overlap.
+/// Whether [`check_with`] searches for self-intersections, its most expensive part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SelfIntersections {
+    /// It does.
+    Search,
+    /// It does not.
+    Skip,
+}
+
+/// Checks a mesh; the search for self-intersections is optional. Without it `self_intersections` and `shells` of the
+/// report are `None`; `shells` is so too where too many boxes overlap.
 ///
 /// # Errors
 /// [`Cancelled`] when `progress` cancels.
 pub fn check_with(
     mesh: &TriMesh,
-    intersections: bool,
+    intersections: SelfIntersections,
     progress: &dyn Progress,
 ) -> Result<MeshReport, Cancelled> {
     // Corners at one place are one vertex, as files without shared vertices need.
@@ -249,7 +258,7 @@ pub fn check_with(
             });
         }
     }
-    if intersections {
+    if intersections == SelfIntersections::Search {
         progress.stage("self-intersections", Some(mesh.triangles().len() as u64));
         let numbered: Vec<_> = merged.iter_corners().zip(0u32..).collect();
         let mut finding = Finding::default();

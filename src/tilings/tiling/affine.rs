@@ -91,7 +91,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         let mut values = [0.0; MAX_SAMPLES];
         buffers.batch.clear();
         for x in points {
-            buffers.batch.push(x.into(), true);
+            buffers.batch.push(x.into());
         }
         buffers.batch.fill_up();
         let patches = near.patches.iter().map(|&e| &self.patches[e as usize]);
@@ -283,7 +283,7 @@ impl<F: Filling> TiledSolid<'_, F> {
         for blocks in all.chunks(MAX_SAMPLES) {
             buffers.batch.clear();
             for block in blocks {
-                buffers.batch.push(block.centre(context), true);
+                buffers.batch.push(block.centre(context));
             }
             buffers.batch.fill_up();
             let near = context.near.patches.iter();

@@ -195,25 +195,25 @@ fn join_slots(
     parts: &[Part],
     sets: &mut UnionFind,
 ) {
-    let face = |part: u32, last: bool| voxel_mask::face(&parts[part as usize].bits, axis, last);
-    let is_on_face = |part: &u32, last: bool| !voxel_mask::is_empty(&face(*part, last));
+    let first_face = |part: u32| voxel_mask::face(&parts[part as usize].bits, axis, false);
+    let last_face = |part: u32| voxel_mask::face(&parts[part as usize].bits, axis, true);
     match (one, other) {
         (Slot::Full, Slot::Full) => sets.union(parts.len() + n, parts.len() + m),
         (Slot::Parts(a, b), Slot::Full) => {
-            for part in (a..b).filter(|p| is_on_face(p, true)) {
+            for part in (a..b).filter(|p| !voxel_mask::is_empty(&last_face(*p))) {
                 sets.union(part as usize, parts.len() + m);
             }
         }
         (Slot::Full, Slot::Parts(a, b)) => {
-            for part in (a..b).filter(|p| is_on_face(p, false)) {
+            for part in (a..b).filter(|p| !voxel_mask::is_empty(&first_face(*p))) {
                 sets.union(part as usize, parts.len() + n);
             }
         }
         (Slot::Parts(a, b), Slot::Parts(c, d)) => {
             for part in a..b {
-                let mine = face(part, true);
+                let mine = last_face(part);
                 for next in c..d {
-                    if voxel_mask::intersects(&mine, &face(next, false)) {
+                    if voxel_mask::intersects(&mine, &first_face(next)) {
                         sets.union(part as usize, next as usize);
                     }
                 }

@@ -77,7 +77,7 @@ impl<F: Filling> TiledSolid<'_, F> {
                 exterior_points[buffers.batch.len()] = (number, outside);
                 let q = closest.point;
                 feet = feet.union(Aabb { min: q, max: q });
-                buffers.batch.push(q.into(), true);
+                buffers.batch.push(q.into());
             }
             buffers.batch.fill_up();
             if buffers.batch.len() == 0 {

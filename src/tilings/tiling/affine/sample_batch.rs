@@ -91,9 +91,9 @@ impl SampleBatch {
         self.len == MAX_SAMPLES
     }
 
-    /// Adds a point, unless the batch is full.
+    /// Adds a point to evaluate, unless the batch is full.
     #[inline(always)]
-    pub fn push(&mut self, x: [f64; 3], is_active: bool) {
+    pub fn push(&mut self, x: [f64; 3]) {
         if self.is_full() {
             return;
         }
@@ -101,7 +101,7 @@ impl SampleBatch {
         for (row, x) in self.x.iter_mut().zip(x) {
             row[n / ROW % (MAX_SAMPLES / ROW)][n % ROW] = x;
         }
-        self.active |= u64::from(is_active) << n;
+        self.active |= 1 << n;
         self.len += 1;
     }
 
@@ -132,10 +132,11 @@ impl SampleBatch {
     /// Fills up the last row with its last point.
     pub fn fill_up(&mut self) {
         if let Some(last) = self.len.checked_sub(1) {
-            let last = self.point(last);
+            let (last, active) = (self.point(last), self.active);
             while !self.len.is_multiple_of(ROW) {
-                self.push(last.into(), false);
+                self.push(last.into());
             }
+            self.active = active;
         }
     }
 }
