@@ -362,6 +362,8 @@ impl Nodes {
         // In order of the layers; the sort is stable, so that the result does not depend on threads.
         candidates.par_sort_by(|a, b| a.layer.total_cmp(&b.layer));
         let mut normals: HashMap<u32, Vec3> = HashMap::new();
+        // Nodes of creases are far from all candidates.
+        let mut face_bins = Bins::new(bins.size);
         for place in candidates {
             if progress.cancelled() {
                 return Err(Cancelled);
@@ -370,15 +372,14 @@ impl Nodes {
                 at, normal, size, ..
             } = place;
             let spacing = FACE_SPACING * size;
-            let is_taken = bins.any(at, spacing, |node| {
+            let is_taken = face_bins.any(at, spacing, |node| {
                 (self.place(node) - at).norm() < spacing
-                    && normals
-                        .get(&node)
-                        .is_none_or(|other| other.dot(&normal) > SAME_SIDE_COSINE)
+                    && normals[&node].dot(&normal) > SAME_SIDE_COSINE
             });
             if !is_taken {
                 let node = self.push(at, Site::Face);
                 normals.insert(node, normal);
+                face_bins.add(at, node);
                 bins.add(at, node);
             }
         }
