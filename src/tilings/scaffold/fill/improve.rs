@@ -158,6 +158,11 @@ impl<'a> TetMesh<'a> {
         all.fold(f64::INFINITY, f64::min)
     }
 
+    /// Whether all tets are of more quality than this; the first that is not ends the search.
+    fn exceeds(&self, tets: &[[u32; 4]], limit: f64) -> bool {
+        tets.iter().all(|&t| self.quality(t) > limit)
+    }
+
     /// The tets that have all these nodes.
     fn around_all(&self, nodes: &[u32]) -> Vec<u32> {
         let (first, rest) = (nodes[0], &nodes[1..]);
@@ -382,7 +387,7 @@ impl<'a> TetMesh<'a> {
             // Opposite to the one outer face: a node that comes to the surface.
             (&[top], rest) => {
                 self.nodes[tet[top] as usize].site != Site::Inside
-                    && !self.is_on_outer_face(tet[top])
+                    && self.neighbours(tet[top], true).is_empty()
                     && rest.iter().all(|&i| near([i, top]))
             }
             // The edge of both outer faces is that of the corners opposite to the inner faces. The other edge comes
@@ -390,7 +395,7 @@ impl<'a> TetMesh<'a> {
             (&[p, q], &[r, s]) => {
                 self.around_all(&[tet[r], tet[s]]).len() == 1
                     && !is_crease(r, s)
-                    && !self.is_outer_edge(tet[p], tet[q])
+                    && !self.neighbours(tet[p], true).contains(&tet[q])
                     && near([p, q])
             }
             // Opposite to the one inner face: a flap. Its tip and edges may have other tets, which it touches only.
@@ -407,24 +412,6 @@ impl<'a> TetMesh<'a> {
             self.replace(&[t], &[]);
         }
         may
-    }
-
-    /// Whether an edge has an outer face.
-    fn is_outer_edge(&self, a: u32, b: u32) -> bool {
-        self.around_all(&[a, b]).into_iter().any(|t| {
-            let mut edge_faces = faces(self.tets[t as usize]).into_iter();
-            edge_faces.any(|f| f.contains(&a) && f.contains(&b) && self.around_all(&f).len() == 1)
-        })
-    }
-
-    /// Whether a node has an outer face.
-    fn is_on_outer_face(&self, n: u32) -> bool {
-        self.around[n as usize].iter().any(|&t| {
-            let mut node_faces = faces(self.tets[t as usize])
-                .into_iter()
-                .filter(|f| f.contains(&n));
-            node_faces.any(|f| self.around_all(&f).len() == 1)
-        })
     }
 
     /// Replaces the tets around an edge by the best triangulation of their ring, joined to both ends. Returns whether
@@ -462,10 +449,8 @@ impl<'a> TetMesh<'a> {
             return false;
         }
         // Taken only if the worst tet becomes better.
-        let before = old
-            .iter()
-            .map(|&t| self.quality(self.tets[t as usize]))
-            .fold(f64::INFINITY, f64::min);
+        let tets: Vec<[u32; 4]> = old.iter().map(|&t| self.tets[t as usize]).collect();
+        let before = self.least(&tets);
         let Some(new) = self.triangulated(&ring, [a, b], before + MIN_GAIN) else {
             return false;
         };
@@ -490,8 +475,12 @@ impl<'a> TetMesh<'a> {
                 let j = i + width;
                 best[i][j].0 = f64::NEG_INFINITY;
                 for k in i + 1..j {
-                    let triangle_quality = self.least(&pair(i, k, j));
-                    let worst = triangle_quality.min(best[i][k].0).min(best[k][j].0);
+                    let rest = best[i][k].0.min(best[k][j].0);
+                    // What is no better than the limit is not taken in the end.
+                    if rest <= best[i][j].0.max(limit).max(0.0) {
+                        continue;
+                    }
+                    let worst = self.least(&pair(i, k, j)).min(rest);
                     if worst > best[i][j].0 {
                         best[i][j] = (worst, k);
                     }
@@ -556,7 +545,7 @@ impl<'a> TetMesh<'a> {
         let [p, q, r] = ring;
         let new = [[e, d, p, q], [e, d, q, r], [e, d, r, p]];
         let before = [s, t].map(|t| self.quality(self.tets[t as usize]));
-        if self.least(&new) <= before[0].min(before[1]).max(0.0) + MIN_GAIN {
+        if !self.exceeds(&new, before[0].min(before[1]).max(0.0) + MIN_GAIN) {
             return false;
         }
         self.replace(&old, &new);
@@ -586,7 +575,7 @@ impl<'a> TetMesh<'a> {
             .filter(|t| !t.contains(&to))
             .map(|t| t.map(|n| if n == from { to } else { n }))
             .collect();
-        if new.is_empty() || self.least(&new) <= self.least(&corners).max(0.0) + MIN_GAIN {
+        if new.is_empty() || !self.exceeds(&new, self.least(&corners).max(0.0) + MIN_GAIN) {
             return false;
         }
         let volume = |tets: &[[u32; 4]]| -> f64 {
@@ -641,7 +630,7 @@ impl<'a> TetMesh<'a> {
             ];
             let found = steps.into_iter().any(|step| {
                 self.nodes[n as usize].place = self.held(start.site, x + step);
-                let is_better = self.least(&node_tets) > before + MIN_GAIN;
+                let is_better = self.exceeds(&node_tets, before + MIN_GAIN);
                 if !is_better {
                     self.nodes[n as usize].place = x;
                 }
