@@ -68,7 +68,7 @@ pub(crate) use inputs::group::{group_fault, read_group};
 pub(crate) use inputs::lattice::solid_picture;
 pub use inputs::run_cache::RunCache;
 pub use inputs::run_options::RunOptions;
-pub(crate) use inputs::scaffold::{CadOptions, TetFilling, cad_mesh, outer_mesh};
+pub(crate) use inputs::scaffold::{CadMesh, CadOptions, TetFilling, cad_mesh, outer_mesh};
 pub use inputs::source::set_source;
 pub use inputs::targets::design;
 pub(crate) use measure::file_measures::{level_set_cavities, level_set_layers};

@@ -112,8 +112,12 @@ impl Lattice<'_> {
             let message = format!("{} exists already", output.display());
             return Err(Failure::usage(message).hint("choose another name, or add --force"));
         }
-        let options = CadOptions { cell, order: 2 };
-        let tets = cad_mesh(self.part, options, session)?;
+        let options = CadOptions {
+            cell,
+            order: 2,
+            is_scaffold: true,
+        };
+        let tets = cad_mesh(self.part, options, session)?.path;
         let scaffold = crate::io::read_scaffold(&tets)?.scaffold;
         // A fortieth of a voxel.
         let mesh = outer_mesh(&scaffold, WALL * cell / 160.0)
@@ -143,8 +147,9 @@ fn surface(part: &Path, is_cad: bool, session: &Session) -> Result<TriMesh, Fail
     let options = CadOptions {
         cell: 1e22,
         order: 1,
+        is_scaffold: false,
     };
-    let mesh = cad_mesh(part, options, session)?;
+    let mesh = cad_mesh(part, options, session)?.path;
     Ok(crate::io::read_mesh(&mesh)?.mesh)
 }
 

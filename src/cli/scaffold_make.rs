@@ -7,7 +7,7 @@ use crate::frame::LengthUnit;
 use crate::io::ReadError;
 use crate::io::atomic::write_bytes;
 use crate::mesh::{MeshSolid, RepairKind};
-use crate::pipeline::{CadOptions, RunError, TetFilling, Warning, cad_mesh};
+use crate::pipeline::{CadMesh, CadOptions, RunError, TetFilling, Warning, cad_mesh};
 use crate::recipe::{Size, is_cad};
 use crate::scaffold::{FillOptions, Scaffold};
 use clap::Args;
@@ -54,8 +54,9 @@ impl MakeFlags {
             let options = CadOptions {
                 cell,
                 order: self.order.unwrap_or(2), // as of a part in a recipe
+                is_scaffold: true,
             };
-            let mesh = cad_mesh(&self.part, options, session)?;
+            let CadMesh { path: mesh, volume } = cad_mesh(&self.part, options, session)?;
             let read = crate::io::read_scaffold(&mesh);
             // The part is at fault, not the file of gmsh.
             let read = read.map_err(|e| {
@@ -63,8 +64,8 @@ impl MakeFlags {
                 Failure::data(&self.part, message)
             })?;
             let scaffold = read.scaffold;
-            let thin = TetFilling::thin_cad(&scaffold);
-            if let Some(warning) = thin.map_err(|e| Failure::data(&self.part, e))? {
+            let found = TetFilling::of_cad(&scaffold, volume);
+            for warning in found.map_err(|e| Failure::data(&self.part, e))? {
                 session.warn_of(TetFilling::CODE, warning)?;
             }
             if is_msh {

@@ -52,6 +52,6 @@ impl Warning {
     /// W118: what a finite-element deck leaves out: elements that share no face with the rest, or what homogenised cells
     /// do not represent.
     pub const DECK: &'static str = "W118";
-    /// W119: a filled mesh that its scaffold does not follow, or thin tets.
+    /// W119: a part that its scaffold does not follow, or thin tets.
     pub const FILLING: &'static str = "W119";
 }

@@ -26,7 +26,7 @@ mod cad;
 mod filling;
 mod generated;
 
-pub(crate) use cad::{CadOptions, cad_mesh};
+pub(crate) use cad::{CadMesh, CadOptions, cad_mesh};
 pub(crate) use filling::{TetFilling, outer_mesh};
 use generated::{box_scaffold, filling_cubes};
 
@@ -281,7 +281,7 @@ fn source_scaffold(
     };
     let path = pose.path(files.recipe, file);
     let fail = |e: ScaffoldError| failed(Some(&path), &e);
-    let read = read_part(&path, section, files.recipe, progress)?;
+    let (read, volume) = read_part(&path, section, files.recipe, progress)?;
     for warning in read.warnings() {
         files.warn(Warning::SCAFFOLD, format!("scaffold: {warning}"))?;
     }
@@ -290,8 +290,8 @@ fn source_scaffold(
         ElementFile::Solids(read) => {
             // Elements that are left out need no check.
             if is_cad(&path) && !section.skip_inverted {
-                let thin = TetFilling::thin_cad(&read.scaffold);
-                if let Some(message) = thin.map_err(|message| RunError::Scaffold {
+                let found = TetFilling::of_cad(&read.scaffold, volume);
+                for message in found.map_err(|message| RunError::Scaffold {
                     file: Some(path.clone()),
                     element: None,
                     message,
@@ -385,22 +385,23 @@ fn source_scaffold(
 }
 
 /// The elements of a file; a CAD part is meshed first, if `cell_size` gives the edge of its tets, of order 2 by
-/// default.
+/// default. Then its volume, else 0.
 fn read_part(
     path: &Path,
     section: &ScaffoldSection,
     recipe: &Recipe,
     progress: &dyn Progress,
-) -> Result<ElementFile, RunError> {
+) -> Result<(ElementFile, f64), RunError> {
     let Some(cell) = section.cell_size.filter(|_| is_cad(path)) else {
-        return Ok(crate::io::read_elements(path)?);
+        return Ok((crate::io::read_elements(path)?, 0.0));
     };
     let options = CadOptions {
         cell: cell.resolve(recipe.scale()),
         order: section.order.map_or(2, |o| o.0),
+        is_scaffold: section.shell.is_none() && section.plate.is_none(),
     };
     let mesh = cad_mesh(path, options, progress)?;
-    Ok(crate::io::read_elements(mesh)?)
+    Ok((crate::io::read_elements(mesh.path)?, mesh.volume))
 }
 
 /// Warns of a shell whose walls are thinner than its thickness.

@@ -1,12 +1,13 @@
 //! Tets of parts are such that solvers accept them, or are warned of or refused. The ruler reads the written file by
 //! itself and shares no code with the program.
 
-use super::parts::{MAKE, druse, gmsh_of, stl};
+use super::parts::{gmsh_of, make, make_step, stl};
 use super::{Place, text};
 use druse::frame::Vec3;
 use druse::mesh::TriMesh;
 use std::collections::HashMap;
 use std::f64::consts::TAU;
+use std::path::Path;
 
 /// Corners of the edges of a tet in gmsh's order of its middles.
 const EDGES: [[usize; 2]; 6] = [[0, 1], [1, 2], [0, 2], [0, 3], [2, 3], [1, 3]];
@@ -114,8 +115,7 @@ fn a_rod_of_narrow_facets_has_sound_tets_of_its_volume_or_a_warning() {
     let place = Place::new();
     place.write("part.stl", stl(&[mesh]));
     for (cell, order, is_good) in [("0.4", "2", true), ("0.5", "1", false)] {
-        let make = ["scaffold", "make", "part.stl", "-o", "part.msh"];
-        let made = place.run(&[&make[..], &["--cell-size", cell, "--order", order]].concat());
+        let made = make(&place, "part.stl", "part.msh", &[cell, "--order", order]);
         let error = text(&made.stderr);
         assert!(made.status.success(), "{error}");
         let tets = written(&place, "part.msh");
@@ -136,13 +136,19 @@ fn a_rod_of_narrow_facets_has_sound_tets_of_its_volume_or_a_warning() {
     }
 }
 
-/// A file of gmsh in binary MSH 4.1: one tet of order 2 over a right corner of some height. Its middle between the
-/// corners 0 and 1 lies off by `bow`, towards corner 2.
-fn one_tet(height: f64, bow: f64) -> Vec<u8> {
+/// A tet of order 2 over a right corner of some height. Its middle between the corners 0 and 1 lies off by `bow`,
+/// towards corner 2.
+fn bent(height: f64, bow: f64) -> [Vec3; 10] {
     let corners = [Vec3::zeros(), Vec3::x(), Vec3::y(), Vec3::z() * height];
     let mut nodes = corners.to_vec();
     nodes.extend(EDGES.map(|[i, j]| (corners[i] + corners[j]) / 2.0));
     nodes[4].y += bow;
+    nodes.try_into().unwrap()
+}
+
+/// A file of gmsh in binary MSH 4.1 with this tet.
+fn one_tet(height: f64, bow: f64) -> Vec<u8> {
+    let nodes = bent(height, bow);
     let mut file = b"$MeshFormat\n4.1 1 8\n".to_vec();
     let mut add = |bytes: &[u8]| file.extend(bytes);
     let ints = |v: &[i32]| v.iter().flat_map(|i| i.to_le_bytes()).collect::<Vec<u8>>();
@@ -173,35 +179,67 @@ fn one_tet(height: f64, bow: f64) -> Vec<u8> {
 /// h << 1 the mean ratio is 2 (h / 2)^(2/3): .01 at 7.07e-4, .1 at .0224.
 #[test]
 fn folded_tets_of_cad_are_unfolded_and_thin_ones_warned_of_or_refused() {
-    // The bow of the written tet, where one is written; and words of the warning or the error.
-    for (height, bow, expected, word) in [
-        (1.0, 0.05, Some(0.05), ""),
+    // The bow of the written tet, where one is written; its volume, as a share of the part's; and words of the warning
+    // or the error.
+    for (height, bow, expected, share, word) in [
+        (1.0, 0.05, Some(0.05), 1.0, ""),
         // The Jacobian at corner 1 is 6 V (1 - 4 bow): a quarter is flat.
-        (1.0, 0.6, Some(0.15), ""),
-        (1.0, 2.0, Some(0.0), ""),
-        (0.0225, 0.0, Some(0.0), ""),
-        (0.022, 0.0, Some(0.0), "1 tets are thin"),
-        (7.2e-4, 0.0, Some(0.0), "1 tets are thin"),
-        (7e-4, 0.0, None, "1 tets that are too thin"),
-        (-1.0, 0.0, None, "inside out"),
+        (1.0, 0.6, Some(0.15), 0.996, ""),
+        (1.0, 2.0, Some(0.0), 1.004, ""),
+        (1.0, 2.0, Some(0.0), 0.994, "the volume of the tets is"),
+        (1.0, 0.05, Some(0.05), 1.006, "the volume of the tets is"),
+        (0.0225, 0.0, Some(0.0), 1.0, ""),
+        (0.022, 0.0, Some(0.0), 1.0, "1 tets are thin"),
+        (7.2e-4, 0.0, Some(0.0), 1.0, "1 tets are thin"),
+        (7e-4, 0.0, None, 1.0, "1 tets that are too thin"),
+        (-1.0, 0.0, None, 1.0, "inside out"),
     ] {
         let place = Place::new();
         place.write("part.step", "ISO-10303-21;");
         place.write("one.msh", one_tet(height, bow));
-        let script = gmsh_of(&place.0.path().join("one.msh"));
-        let made = druse(&place, Some(&script)).args(MAKE).output().unwrap();
-        let error = text(&made.stderr);
-        assert_eq!(
-            made.status.success(),
-            expected.is_some(),
-            "{height}: {error}"
-        );
-        assert!(
-            error.contains(word) && error.is_empty() == word.is_empty(),
-            "{height}: {error}"
-        );
-        let found = std::fs::read(place.0.path().join("part.msh")).ok();
-        let is_expected = found == expected.map(|bow| one_tet(height, bow));
-        assert!(is_expected, "{height} {bow}");
+        let own = volume(&[bent(height, expected.unwrap_or(bow))]);
+        let script = gmsh_of(&place.0.path().join("one.msh"), own / share);
+        // The second time it is read from where it is kept.
+        for script in [Some(&script[..]), None] {
+            let made = make_step(&place, script);
+            let error = text(&made.stderr);
+            let is_made = made.status.success();
+            assert_eq!(is_made, expected.is_some(), "{height}: {error}");
+            let is_told = error.contains(word) && error.is_empty() == word.is_empty();
+            assert!(is_told, "{height}: {error}");
+            let found = std::fs::read(place.0.path().join("part.msh")).ok();
+            let is_expected = found == expected.map(|bow| one_tet(height, bow));
+            assert!(is_expected, "{height} {bow}");
+        }
+    }
+}
+
+/// Tets below a mean ratio of .1, or none, are tried once more with more edges around a circle; the better ones count.
+#[test]
+fn thin_tets_of_cad_are_tried_once_more() {
+    // Heights of the tets that gmsh writes; one that fails has none. The tries, and the height of the tet that is kept.
+    for (heights, tries, kept) in [
+        ([Some(1.0), Some(0.5)], 1, 1.0),
+        ([Some(0.01), Some(0.5)], 2, 0.5),
+        ([Some(0.01), Some(0.005)], 2, 0.01),
+        ([Some(0.01), None], 2, 0.01),
+        ([None, Some(0.5)], 2, 0.5),
+    ] {
+        let place = Place::new();
+        place.write("part.step", "ISO-10303-21;");
+        for (name, height) in ["10.msh", "12.msh"].into_iter().zip(heights) {
+            if let Some(height) = height {
+                place.write(name, one_tet(height, 0.0));
+            }
+        }
+        let script = gmsh_of(Path::new("\"${last##*/}\""), kept / 6.0);
+        let script = script.replace("*) ", "*) echo $* >> log.txt; ");
+        let made = make_step(&place, Some(&script));
+        assert!(made.status.success(), "{}", text(&made.stderr));
+        let written = std::fs::read(place.0.path().join("part.msh")).unwrap();
+        assert!(written == one_tet(kept, 0.0), "{heights:?}");
+        let log = std::fs::read_to_string(place.0.path().join("log.txt")).unwrap();
+        let asked = log.split("Curvature ").skip(1).map(|l| &l[..2]);
+        assert_eq!(asked.collect::<Vec<_>>(), ["10", "12"][..tries]);
     }
 }

@@ -26,6 +26,12 @@ fn block(min: Vec3, max: Vec3) -> TriMesh {
     TriMesh::cuboid(&Aabb { min, max })
 }
 
+/// Makes a scaffold of a part; the size of its cells comes first in `options`.
+pub(super) fn make(place: &Place, part: &str, output: &str, options: &[&str]) -> Output {
+    let own = ["scaffold", "make", part, "-o", output, "--cell-size"];
+    place.run(&[&own[..], options].concat())
+}
+
 /// A place with a plate of 12 x 8 x 1 mm, turned.
 fn plate() -> Place {
     let turn = nalgebra::Rotation3::new(Vec3::new(0.3, 0.5, 0.7));
@@ -41,23 +47,12 @@ fn cubes_that_meet_in_an_edge_are_no_scaffold_of_one_component() {
     let cubes = [first, second].map(|p| block(p, p + Vec3::repeat(1.0)));
     let place = Place::new();
     place.write("two.stl", stl(&cubes));
-    let made = |size: &str| {
-        place.run(&[
-            "scaffold",
-            "make",
-            "two.stl",
-            "-o",
-            "q.msh",
-            "--cell-size",
-            size,
-        ])
-    };
     for (size, word) in [
         ("0.5", "a quarter of cell_size does not help"),
         // So many tets that others are not tried.
         ("0.08", "a smaller cell_size may keep it together"),
     ] {
-        let made = made(size);
+        let made = make(&place, "two.stl", "q.msh", &[size]);
         let error = text(&made.stderr);
         assert_eq!(made.status.code(), Some(65), "{error}");
         assert!(
@@ -71,21 +66,9 @@ fn cubes_that_meet_in_an_edge_are_no_scaffold_of_one_component() {
 fn a_mesh_becomes_a_sound_scaffold() {
     let place = plate();
     for (output, order, kind) in [("p.msh", "1", "Tet4"), ("p.vtu", "2", "Tet10")] {
-        let made = place.run(&[
-            "scaffold",
-            "make",
-            "plate.stl",
-            "-o",
-            output,
-            "--cell-size",
-            "0.3cm",
-            "--order",
-            order,
-            "--picture",
-            "p.png",
-            "--progress",
-            "plain",
-        ]);
+        let shown = ["--picture", "p.png", "--progress", "plain"];
+        let options = [&["0.3cm", "--order", order][..], &shown].concat();
+        let made = make(&place, "plate.stl", output, &options);
         let shown = text(&made.stdout);
         let stages = text(&made.stderr);
         assert!(made.status.success(), "{stages}");
@@ -106,15 +89,7 @@ fn a_mesh_becomes_a_sound_scaffold() {
         }
     }
     for (size, word) in [("3vx", "voxels"), ("0", "positive"), ("1e-7", "nodes")] {
-        let made = place.run(&[
-            "scaffold",
-            "make",
-            "plate.stl",
-            "-o",
-            "q.msh",
-            "--cell-size",
-            size,
-        ]);
+        let made = make(&place, "plate.stl", "q.msh", &[size]);
         assert!(!made.status.success());
         let error = text(&made.stderr);
         assert!(error.contains(word), "{size}: {error}");
@@ -137,14 +112,8 @@ fn a_recipe_for_a_part_runs() {
     ] {
         assert!(recipe.contains(word), "{word}: {recipe}");
     }
-    let ran = place.run(&[
-        "run",
-        "thin.toml",
-        "--set",
-        "band.voxel_size=0.2",
-        "--set",
-        "tiling.thickness=0.4",
-    ]);
+    let coarse = "run thin.toml --set band.voxel_size=0.2 --set tiling.thickness=0.4";
+    let ran = place.run(&coarse.split(' ').collect::<Vec<_>>());
     assert!(ran.status.success(), "{}", text(&ran.stderr));
     let made = place.run(&["new", "cubes", "--part", "plate.stl", "--cell", "gyroid"]);
     assert!(made.status.success(), "{}", text(&made.stderr));
@@ -170,17 +139,8 @@ fn volume(output: &Output) -> f64 {
 fn damaged_meshes_are_filled_as_they_are_voxelized() {
     let place = Place::new();
     let make = |name: &str| {
-        let file = format!("{name}.stl");
         let output = format!("{name}.msh");
-        let made = place.run(&[
-            "scaffold",
-            "make",
-            &file,
-            "-o",
-            &output,
-            "--cell-size",
-            "1.5",
-        ]);
+        let made = make(&place, &format!("{name}.stl"), &output, &["1.5"]);
         let bytes = std::fs::read(place.0.path().join(output)).ok();
         (made, bytes)
     };
@@ -261,7 +221,7 @@ fn damaged_meshes_are_filled_as_they_are_voxelized() {
 }
 
 /// Druse, which finds a program of this text as gmsh, or none.
-pub(super) fn druse(place: &Place, gmsh: Option<&str>) -> Command {
+fn druse(place: &Place, gmsh: Option<&str>) -> Command {
     let folder = place.0.path().join("bin");
     std::fs::create_dir_all(&folder).unwrap();
     let program = folder.join("gmsh");
@@ -280,27 +240,20 @@ pub(super) fn druse(place: &Place, gmsh: Option<&str>) -> Command {
     command
 }
 
-pub(super) const MAKE: [&str; 7] = [
-    "scaffold",
-    "make",
-    "part.step",
-    "-o",
-    "part.msh",
-    "--cell-size",
-    "4",
-];
+const MAKE: &str = "scaffold make part.step -o part.msh --cell-size 4";
 
 /// Runs `scaffold make part.step` with a program of this text as gmsh, or with none.
-fn make_step(place: &Place, gmsh: Option<&str>) -> Output {
-    druse(place, gmsh).args(MAKE).output().unwrap()
+pub(super) fn make_step(place: &Place, gmsh: Option<&str>) -> Output {
+    druse(place, gmsh).args(MAKE.split(' ')).output().unwrap()
 }
 
-/// A program that writes this mesh in the place of gmsh, and the name of the one solid of a part. It keeps its
+/// A program that writes this mesh in the place of gmsh, and name and volume of the one solid of a part. It keeps its
 /// input beside.
-pub(super) fn gmsh_of(mesh: &Path) -> String {
+pub(super) fn gmsh_of(mesh: &Path, volume: f64) -> String {
     format!(
         "for last; do :; done\n/bin/cp \"$1\" read.txt\ncase \"$last\" in\n\
-         *.inp) echo '*NSET,NSET=Shapes/box/lid' > \"$last\";;\n*) /bin/cp {} \"$last\";;\nesac",
+         *.inp) echo '*NSET,NSET=Shapes/box/lid' > \"$last\"; echo {volume} > \"${{last%/*}}/volumes.txt\";;\n\
+         *) /bin/cp {} \"$last\";;\nesac",
         mesh.display()
     )
 }
@@ -311,7 +264,7 @@ fn named_solids_of_cad_become_groups() {
     place.write("part.step", "ISO-10303-21;");
     let made = make_step(
         &place,
-        Some(&gmsh_of(&super::data("scaffold/tet10_41_ascii.msh"))),
+        Some(&gmsh_of(&super::data("scaffold/tet10_41_ascii.msh"), 1.0)),
     );
     assert!(made.status.success(), "{}", text(&made.stderr));
     let read = std::fs::read_to_string(place.0.path().join("read.txt")).unwrap();
@@ -329,18 +282,10 @@ fn named_solids_of_cad_become_groups() {
 #[test]
 fn a_surface_fills_the_cubes_of_a_part_of_cad() {
     let place = plate();
-    let tets = place.run(&[
-        "scaffold",
-        "make",
-        "plate.stl",
-        "-o",
-        "plate.msh",
-        "--cell-size",
-        "2",
-    ]);
+    let tets = make(&place, "plate.stl", "plate.msh", &["2"]);
     assert!(tets.status.success(), "{}", text(&tets.stderr));
     place.write("part.step", "ISO-10303-21;");
-    let gmsh = gmsh_of(&place.0.path().join("plate.msh"));
+    let gmsh = gmsh_of(&place.0.path().join("plate.msh"), 96.0);
     let new = ["new", "filled", "--part", "part.step", "--cell", "gyroid"];
     let made = druse(&place, Some(&gmsh)).args(new).output().unwrap();
     assert!(made.status.success(), "{}", text(&made.stderr));
@@ -357,14 +302,15 @@ fn a_surface_fills_the_cubes_of_a_part_of_cad() {
 }
 
 #[test]
-fn a_cancelled_run_ends_gmsh() {
+fn a_cancelled_run_shows_what_gmsh_did_and_ends_it() {
     let place = Place::new();
     place.write("part.step", "ISO-10303-21;");
-    let script = "echo $$ > id.txt\nexec /bin/sleep 60";
+    let script = "echo 'Info    : Meshing 2D...'\necho $$ > id.txt\nexec /bin/sleep 60";
     let begun = Instant::now();
-    let mut child = druse(&place, Some(script))
-        .args(MAKE)
-        .stderr(Stdio::null())
+    let child = druse(&place, Some(script))
+        .args(MAKE.split(' '))
+        .args(["--progress", "plain"])
+        .stderr(Stdio::piped())
         .spawn()
         .unwrap();
     let id = place.0.path().join("id.txt");
@@ -379,7 +325,9 @@ fn a_cancelled_run_ends_gmsh() {
     let own = child.id().to_string();
     let sent = Command::new("kill").args(["-INT", &own]).status().unwrap();
     assert!(sent.success());
-    assert_eq!(child.wait().unwrap().code(), Some(130));
+    let ended = child.wait_with_output().unwrap();
+    assert_eq!(ended.status.code(), Some(130));
+    assert!(text(&ended.stderr).contains("gmsh 2D..."));
     let gmsh = format!("/proc/{}", number().trim());
     assert!(!Path::new(&gmsh).exists());
 }
@@ -400,8 +348,16 @@ fn a_part_of_cad_is_meshed_once_by_gmsh_or_refused_in_its_words() {
         ["part.step", "no shape in it"],
     );
     refused(Some("exit 0"), ["gmsh cannot mesh", "part.step"]);
+    // Surfaces have no volume, and are not meshed.
+    let surfaces = "for last; do :; done\necho \"$last\" >> log.txt\n: > \"$last\"";
+    refused(Some(surfaces), ["part.step", "found no solids in it"]);
+    let log = std::fs::read_to_string(place.0.path().join("log.txt")).unwrap();
+    assert!(
+        log.lines().count() == 1 && log.ends_with("names.inp\n"),
+        "{log}"
+    );
     // The last argument is the file to write; /bin/cp, because PATH has gmsh alone.
-    let script = gmsh_of(&super::data("scaffold/tet10_41_ascii.msh"));
+    let script = gmsh_of(&super::data("scaffold/tet10_41_ascii.msh"), 1.0);
     let made = make_step(&place, Some(&script));
     assert!(made.status.success(), "{}", text(&made.stderr));
     assert!(text(&made.stdout).contains("Tet10"));

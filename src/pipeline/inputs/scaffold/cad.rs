@@ -3,6 +3,9 @@
 //! Druse runs gmsh as a child and keeps the mesh under the hash of the part and the options, so that the next run
 //! reads it at once: in `$XDG_CACHE_HOME/druse`, else `~/.cache/druse`, else the folder for temporary files.
 
+use super::filling::{POOR, worst_quality};
+use super::with_nodes;
+use crate::frame::Vec3;
 use crate::io::ReadError;
 use crate::io::atomic::write_bytes;
 use crate::pipeline::base::error::RunError;
@@ -20,8 +23,19 @@ pub(crate) struct CadOptions {
     pub cell: f64,
     /// 1 or 2.
     pub order: u32,
+    /// Whether its tets are a scaffold: parts without solids are refused then, and thin tets are tried once more.
+    pub is_scaffold: bool,
 }
 
+/// The mesh of a part.
+pub(crate) struct CadMesh {
+    pub path: PathBuf,
+    /// The volume of the part's solids; 0 where it has none.
+    pub volume: f64,
+}
+
+/// Edges around a full circle, at first and where the tets are thin then or gmsh fails.
+const CIRCLE: [u32; 2] = [10, 12];
 /// Most lines of gmsh that an error repeats.
 const MAX_LINES: usize = 3;
 /// How often the end of gmsh and a cancellation are looked for.
@@ -36,98 +50,82 @@ pub(crate) fn cad_mesh(
     part: &Path,
     options: CadOptions,
     progress: &dyn Progress,
-) -> Result<PathBuf, RunError> {
-    let shown = part.display();
+) -> Result<CadMesh, RunError> {
+    let folder = cache_folder();
     let failed = |message: String| RunError::Scaffold {
         file: Some(part.to_owned()),
         element: None,
         message,
     };
+    let io = |e: std::io::Error| failed(format!("{}: {e}", folder.display()));
     let bytes = std::fs::read(part).map_err(|e| ReadError::io(part, e))?;
     let mut hash = blake3::Hasher::new();
     hash.update(&bytes);
-    hash.update(format!("unfolded {options:?}").as_bytes());
-    let folder = cache_folder();
-    let mesh = folder.join(format!("{}.msh", hash.finalize().to_hex()));
-    if mesh.is_file() {
-        return Ok(mesh);
+    hash.update(format!("volume {options:?}").as_bytes());
+    let path = folder.join(format!("{}.msh", hash.finalize().to_hex()));
+    let kept = path.with_extension("volume");
+    if path.is_file() {
+        let volume = std::fs::read_to_string(&kept).map_err(io)?;
+        let volume = volume.parse().unwrap_or(0.0);
+        return Ok(CadMesh { path, volume });
     }
-    let io = |e: std::io::Error| failed(format!("{}: {e}", folder.display()));
     std::fs::create_dir_all(&folder).map_err(io)?;
-    // gmsh writes beside, so that a run which ends early leaves no half mesh.
+    // gmsh works beside, so that a run which ends early leaves no half mesh.
     let work = tempfile::tempdir_in(&folder).map_err(io)?;
     let gmsh = Gmsh {
         folder: work.path(),
+        failed: &failed,
         progress,
     };
     progress.stage("gmsh", None);
-    let source = std::path::absolute(part).map_err(io)?;
-    let named = gmsh.with_groups(&source).map_err(|e| e.of(part))?;
-    let made = work.path().join("part.msh");
-    // Tets, also of no group, without messages below warnings; 10 elements or more around a full circle. Curved tets
-    // are not mended by gmsh, which may take hours.
-    let mut command = Command::new("gmsh");
-    command
-        .arg(named.as_ref().unwrap_or(&source))
-        .args(["-3", "-format", "msh41", "-bin", "-v", "2", "-save_all"])
-        .args(["-order", &options.order.to_string()])
-        .args(["-clmax", &options.cell.to_string()])
-        .args(["-setnumber", "Mesh.MeshSizeFromCurvature", "10"])
-        .args(["-setnumber", "Mesh.HighOrderOptimize", "0"]);
-    gmsh.write(command, &made).map_err(|e| e.of(part))?;
-    let mut bytes = std::fs::read(&made).map_err(|e| failed(format!("{shown}: {e}")))?;
-    // A file without solids is refused where it is read.
-    let moved = crate::io::read_scaffold(&made).map_or(Vec::new(), |r| r.scaffold.unfolded());
-    if !moved.is_empty() && crate::io::move_nodes(&mut bytes, &moved).is_none() {
-        return Err(failed(format!(
-            "{} middles of tets must move so that no tet folds, but gmsh wrote no binary file of version 4.1; \
-             expected gmsh 4.8 or later",
-            moved.len()
-        )));
+    let (script, volume) = gmsh.script(part, &bytes)?;
+    if volume == 0.0 && options.is_scaffold {
+        return Err(failed(
+            "found no solids in it; expected some, or shell = { thickness = ... } in a recipe"
+                .into(),
+        ));
     }
-    write_bytes(&mesh, &bytes)?;
-    Ok(mesh)
-}
-
-/// Why gmsh wrote no file.
-enum GmshFault {
-    Cancelled,
-    Failed(String),
-}
-
-impl GmshFault {
-    fn of(self, part: &Path) -> RunError {
-        match self {
-            Self::Cancelled => Cancelled.into(),
-            Self::Failed(message) => RunError::Scaffold {
-                file: Some(part.to_owned()),
-                element: None,
-                message,
-            },
+    let mut made = gmsh.tets(&script, options, CIRCLE[0]);
+    let quality = made.as_ref().map_or(-1.0, |m| m.0);
+    if quality <= POOR && options.is_scaffold {
+        let other = gmsh.tets(&script, options, CIRCLE[1]);
+        let is_better = other.as_ref().is_ok_and(|o| o.0 > quality);
+        if is_better || progress.cancelled() {
+            made = other;
         }
     }
+    let (_, bytes) = made?;
+    write_bytes(&kept, volume.to_string().as_bytes())?;
+    write_bytes(&path, &bytes)?;
+    Ok(CadMesh { path, volume })
 }
 
 /// The program gmsh, with a folder for its files.
 struct Gmsh<'a> {
     folder: &'a Path,
+    /// The error for the part.
+    failed: &'a dyn Fn(String) -> RunError,
     progress: &'a dyn Progress,
 }
 
 impl Gmsh<'_> {
+    fn io(&self, error: &std::io::Error) -> RunError {
+        (self.failed)(format!("{}: {error}", self.folder.display()))
+    }
+
     /// Runs a command that writes a file, until the file is written or the user cancels.
-    fn write(&self, mut command: Command, output: &Path) -> Result<(), GmshFault> {
+    fn write(&self, mut command: Command, output: &Path) -> Result<(), RunError> {
         let fault = |e: std::io::Error| match e.kind() {
-            std::io::ErrorKind::NotFound => GmshFault::Failed(
+            std::io::ErrorKind::NotFound => (self.failed)(
                 "it is a CAD part, which the program gmsh meshes; gmsh is not on PATH: \
                  apt-get install gmsh, or pip install gmsh"
                     .into(),
             ),
-            _ => GmshFault::Failed(format!("gmsh does not start: {e}")),
+            _ => (self.failed)(format!("gmsh does not start: {e}")),
         };
         // A file takes any number of words, where a pipe would fill.
         let words = self.folder.join("words.txt");
-        let io = |e: std::io::Error| GmshFault::Failed(format!("{}: {e}", words.display()));
+        let io = |e: std::io::Error| self.io(&e);
         let log = std::fs::File::create(&words).map_err(io)?;
         command
             .arg("-o")
@@ -136,19 +134,31 @@ impl Gmsh<'_> {
             .stdout(log.try_clone().map_err(io)?)
             .stderr(log);
         let mut child = command.spawn().map_err(fault)?;
+        let said = || {
+            let bytes = std::fs::read(&words).map_err(io)?;
+            Ok::<String, RunError>(String::from_utf8_lossy(&bytes).into_owned())
+        };
+        let mut shown = String::new();
         let status = loop {
             if let Some(status) = child.try_wait().map_err(io)? {
                 break status;
+            }
+            let text = said()?;
+            let mut begun = text.lines().rev().filter(|l| l.ends_with("..."));
+            let stage = begun.find_map(|l| l.strip_prefix("Info    : Meshing "));
+            if let Some(stage) = stage.filter(|s| *s != shown) {
+                self.progress.stage(&format!("gmsh {stage}"), None);
+                shown = stage.to_owned();
             }
             if self.progress.cancelled() {
                 // A child that has ended by itself is no fault.
                 let _ = child.kill();
                 let _ = child.wait();
-                return Err(GmshFault::Cancelled);
+                return Err(Cancelled.into());
             }
             std::thread::sleep(POLL);
         };
-        let words = String::from_utf8_lossy(&std::fs::read(&words).map_err(io)?).into_owned();
+        let words = said()?;
         let is_fault = |l: &&str| l.starts_with("Error") || l.starts_with("Fatal");
         let faults: Vec<&str> = words.lines().filter(is_fault).take(MAX_LINES).collect();
         if status.success() && faults.is_empty() && output.is_file() {
@@ -159,31 +169,32 @@ impl Gmsh<'_> {
         } else {
             faults.join("; ")
         };
-        Err(GmshFault::Failed(format!(
-            "gmsh cannot mesh the part: {cause}"
-        )))
+        Err((self.failed)(format!("gmsh cannot mesh the part: {cause}")))
     }
 
-    /// A file that reads the part and makes groups of its named solids; `None` where none has a name, or a script
-    /// cannot hold the path.
-    fn with_groups(&self, part: &Path) -> Result<Option<PathBuf>, GmshFault> {
+    /// A script that reads the part, of these bytes, and makes groups of its named solids; and the volume of its solids.
+    fn script(&self, part: &Path, bytes: &[u8]) -> Result<(PathBuf, f64), RunError> {
+        let io = |e: std::io::Error| self.io(&e);
+        // A copy, because a script cannot hold every path.
+        let extension = part.extension().unwrap_or_default().to_string_lossy();
+        let copy = format!("part.{extension}");
+        std::fs::write(self.folder.join(&copy), bytes).map_err(io)?;
+        let file = self.folder.join("part.geo");
+        let mut text = format!("Merge \"{copy}\";\n");
+        let volumes = "v() = Volume{:};\nFor i In {0 : #v() - 1}\n\
+                       Printf(\"%.17g\", Mass Volume{v(i)}) >> \"volumes.txt\";\nEndFor\n";
+        let first = format!("SetFactory(\"OpenCASCADE\");\n{text}{volumes}");
+        std::fs::write(&file, first).map_err(io)?;
         // -0 makes no mesh, -3 saves a set of nodes for each solid: empty, but with the name of the solid.
         let sets = self.folder.join("names.inp");
         let mut command = Command::new("gmsh");
         command
-            .arg(part)
+            .arg(&file)
             .args(["-0", "-format", "inp", "-v", "2"])
             .args(["-setnumber", "Mesh.SaveGroupsOfNodes", "-3"]);
         self.write(command, &sets)?;
-        let io = |e: std::io::Error| GmshFault::Failed(format!("{}: {e}", sets.display()));
         let sets = String::from_utf8_lossy(&std::fs::read(&sets).map_err(io)?).into_owned();
-        let groups = groups(&sets);
-        let path = part.to_str().filter(|p| !p.contains(['"', '\n']));
-        let Some(path) = path.filter(|_| !groups.is_empty()) else {
-            return Ok(None);
-        };
-        let mut text = format!("Merge \"{path}\";\n");
-        for (name, solids) in groups {
+        for (name, solids) in groups(&sets) {
             let solids: Vec<String> = solids.iter().map(usize::to_string).collect();
             let _ = writeln!(
                 text,
@@ -191,9 +202,56 @@ impl Gmsh<'_> {
                 solids.join(", ")
             );
         }
-        let file = self.folder.join("part.geo");
         std::fs::write(&file, text).map_err(io)?;
-        Ok(Some(file))
+        // Without solids there is no file.
+        let volumes = self.folder.join("volumes.txt");
+        let volumes = std::fs::read_to_string(volumes).unwrap_or_default();
+        let volumes = volumes.split_whitespace().map(|v| v.parse().unwrap_or(0.0));
+        Ok((file, volumes.map(f64::abs).sum()))
+    }
+
+    /// The tets of a script with so many edges around a full circle, unfolded: their worst quality, and the file.
+    fn tets(
+        &self,
+        script: &Path,
+        options: CadOptions,
+        circle: u32,
+    ) -> Result<(f64, Vec<u8>), RunError> {
+        let made = self.folder.join(format!("{circle}.msh"));
+        // Tets, also of no group. Curved tets are not mended by gmsh, which may take hours.
+        let mut command = Command::new("gmsh");
+        command
+            .arg(script)
+            .args(["-3", "-format", "msh41", "-bin", "-v", "4", "-save_all"])
+            .args(["-order", &options.order.to_string()])
+            .args(["-clmax", &options.cell.to_string()])
+            .args([
+                "-setnumber",
+                "Mesh.MeshSizeFromCurvature",
+                &circle.to_string(),
+            ])
+            .args(["-setnumber", "Mesh.HighOrderOptimize", "0"]);
+        self.write(command, &made)?;
+        let mut bytes = std::fs::read(&made).map_err(|e| self.io(&e))?;
+        // A file without solids has none to unfold, and is refused where it is read.
+        let Ok(read) = crate::io::read_scaffold(&made) else {
+            return Ok((f64::INFINITY, bytes));
+        };
+        let nodes = read.scaffold.unfolded();
+        let both = read.scaffold.nodes().iter().zip(&nodes);
+        let moved: Vec<[Vec3; 2]> = both
+            .map(|(a, b)| [*a, *b])
+            .filter(|m| m[0] != m[1])
+            .collect();
+        if !moved.is_empty() && crate::io::move_nodes(&mut bytes, &moved).is_none() {
+            return Err((self.failed)(format!(
+                "{} middles of tets must move so that no tet folds, but gmsh wrote no binary file of version 4.1; \
+                 expected gmsh 4.8 or later",
+                moved.len()
+            )));
+        }
+        let unfolded = with_nodes(&read.scaffold, nodes);
+        Ok((unfolded.map_or(-1.0, |s| worst_quality(&s)), bytes))
     }
 }
 
@@ -233,13 +291,8 @@ mod tests {
     fn solids_of_one_name_are_one_group() {
         let sets = "*Heading\n x\n*NSET,NSET=Shapes/as1/NUT::1/nut\n\n*NSET,NSET=Volume2\n\n\
                     *NSET,NSET=Shapes/as1/NUT::2/nut_&_steel\n\n*NSET,NSET=Shapes/\n*NSET,NSET=Shapes/base_plate\n";
-        let found: Vec<(String, Vec<usize>)> = groups(sets).into_iter().collect();
-        assert_eq!(
-            found,
-            [
-                ("base_plate".to_owned(), vec![5]),
-                ("nut".to_owned(), vec![1, 3])
-            ]
-        );
+        let expected = [("base_plate", vec![5]), ("nut", vec![1, 3])];
+        let expected = expected.map(|(name, solids)| (name.to_owned(), solids));
+        assert_eq!(groups(sets), BTreeMap::from(expected));
     }
 }

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 const WORTH_A_WARNING: f64 = 0.1;
 const MAX_VOLUME_ERROR: f64 = 0.005;
 /// Quality (that of `druse scaffold info`) below which tets are named: a mean ratio of 0.1, to the power 3/2.
-const POOR: f64 = 0.0316;
+pub(super) const POOR: f64 = 0.0316;
 /// Quality from which down tets are refused: a mean ratio of 0.01, likewise.
 const MIN_QUALITY: f64 = 0.001;
 /// Quality of tets that count as flat: no rounding is larger.
@@ -83,18 +83,29 @@ impl TetFilling {
         })
     }
 
-    /// A warning on the thin tets of a part of CAD.
+    /// Warnings on the tets of a part of CAD of this volume; 0 is none.
     ///
     /// # Errors
     /// What is wrong where some are far too thin.
-    pub fn thin_cad(scaffold: &Scaffold) -> Result<Option<String>, String> {
+    pub fn of_cad(scaffold: &Scaffold, part: f64) -> Result<Vec<String>, String> {
         let advice = "; a smaller or larger cell_size may help";
-        match refused(scaffold) {
-            Some(message) => Err(format!(
+        if let Some(message) = refused(scaffold) {
+            return Err(format!(
                 "{message}{advice}, or an STL file of the part in fill, with kind = \"hex\""
-            )),
-            None => Ok(thin(scaffold).map(|m| m + advice)),
+            ));
         }
+        let own = volume(scaffold);
+        let is_off = part > 0.0 && (own / part - 1.0).abs() > MAX_VOLUME_ERROR;
+        let off = is_off.then(|| {
+            format!(
+                "scaffold: the volume of the tets is {}, that of the part {}; a smaller cell_size follows it closer, and \
+                 curved tets do (order = 2)",
+                short_number(own),
+                short_number(part)
+            )
+        });
+        let thin = thin(scaffold).map(|m| m + advice);
+        Ok(thin.into_iter().chain(off).collect())
     }
 }
 
@@ -126,6 +137,11 @@ fn refused(scaffold: &Scaffold) -> Option<String> {
             place_figures(found.place)
         )
     })
+}
+
+/// The least quality of a scaffold's tets.
+pub(super) fn worst_quality(scaffold: &Scaffold) -> f64 {
+    Tets::worse_than(scaffold, f64::INFINITY).quality
 }
 
 /// Tets of at most some quality, and the first of the worst ones.

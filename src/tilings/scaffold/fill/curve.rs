@@ -150,9 +150,9 @@ pub(super) fn curved(
 }
 
 impl Scaffold {
-    /// Middles of curved tets that fold, each with its place and the one nearer to its straight edge at which no tet
-    /// folds. Tets whose corners have no volume stay as they are.
-    pub fn unfolded(&self) -> Vec<[Vec3; 2]> {
+    /// The nodes, with the middles of curved tets that fold so much nearer to their straight edges that none folds. Tets
+    /// whose corners have no volume stay as they are.
+    pub fn unfolded(&self) -> Vec<Vec3> {
         let elements = self.connectivity();
         let tets: Vec<&[u32]> = (0..self.len())
             .filter(|&e| elements.kind(e) == Kind::Tet10)
@@ -187,8 +187,7 @@ impl Scaffold {
                 *times += 1;
             }
         }
-        let moved = halved.into_keys().map(|n| n as usize);
-        moved.map(|n| [self.nodes()[n], nodes[n]]).collect()
+        nodes
     }
 }
 
