@@ -156,9 +156,8 @@ impl Prepared {
         objective: &'a Objective,
     ) -> Problem<'a> {
         let own = &self.design.stages[stage];
-        // Distances are those of the period, whose tets are narrower than the reference one by 1 / sqrt(2) or 1/2.
-        let scale = self.design.element.edge();
-        let half = self.design.min_feature.map(|d| 0.5 * d / scale);
+        let scale = verify::scale(self.design.element);
+        let half = self.design.min_feature.map(|d| 0.5 * d * scale);
         // Eroded, a solid loses what is narrower than twice the distance: such walls only cost volume. A void loses
         // it dilated.
         let side = if self.design.target.maximise == Some(Property::Permeability) {

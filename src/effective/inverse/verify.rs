@@ -134,13 +134,10 @@ fn sampled(cell: &Cell, n: usize) -> Result<Vec<f64>, InverseError> {
     Ok((0..n * n * n).into_par_iter().map(value).collect())
 }
 
-/// Lengths in the period over those of the reference element, at least: a tet of the packing is smaller.
+/// Lengths in the period over those of the reference element: of twelve tets, whose longest edges are its own, the
+/// greatest factor, so that no wall or gap of a regular tet is narrower than it says.
 pub(super) fn scale(element: Element) -> f64 {
-    if element == Element::Tet {
-        Packing::Bcc.shrinkage()
-    } else {
-        1.0
-    }
+    1.0 / element.edge()
 }
 
 fn summary(found: &Properties) -> DesignProperties {

@@ -1,9 +1,9 @@
 //! Openings of voids: named surfaces against brute force, designs that keep theirs.
 
-use super::{largest, short};
+use super::{in_element, largest, short};
 use druse::cell::{Cell, Solid, Surface};
 use druse::field::Field;
-use druse::frame::{CellPoint, Element};
+use druse::frame::Element;
 use druse::homogenize::Settings;
 use druse::inverse::{Design, Property, properties_of, ways};
 use druse::progress::Silent;
@@ -55,7 +55,7 @@ fn named(surface: Surface, solid: Solid, fraction: f64) -> Cell {
 
 /// Where the voids of a cell are positive: above its level, and of a sheet below minus its level.
 fn depths(cell: &Cell) -> Vec<Box<dyn Fn([f64; 3]) -> f64 + '_>> {
-    let value = |p: [f64; 3]| cell.expression().value(CellPoint(p.into()));
+    let value = |p: [f64; 3]| cell.expression().value(in_element(cell.element(), p));
     let above: Box<dyn Fn([f64; 3]) -> f64> = Box::new(move |p| value(p) - cell.level());
     let below: Box<dyn Fn([f64; 3]) -> f64> = Box::new(move |p| -value(p) - cell.level());
     if cell.solid() == Solid::Sheet {
@@ -171,8 +171,13 @@ fn openings_of_either_side_and_of_a_tet_are_measured() {
     assert!(at(Solid::Below, -0.2) > at(Solid::Below, 0.2));
     let tet = Surface::SchwarzP.cell(Element::Tet).unwrap();
     let tet = tet.with_solid(Solid::Below, 0.0).unwrap();
-    let radius = ways(&tet, 24).unwrap().0;
-    assert!(radius >= 0.0 && radius.is_finite());
+    // Its longest edges, of length sqrt(2), are those of the period.
+    let radius = ways(&tet, 16).unwrap().0 / Element::Tet.edge();
+    let travels = |r: f64| travels(&depths(&tet)[0], 16, r);
+    assert!(
+        travels(radius - 0.01) && !travels(radius + 0.05),
+        "{radius}"
+    );
 }
 
 #[test]
