@@ -42,6 +42,11 @@ const FEATURE_KEY: &str = "min_feature";
 /// Part of the last stage's evaluations that each correction has.
 const CORRECTION_SHARE: f64 = 0.4;
 
+/// The greatest miss.
+fn size(misses: &[Miss]) -> f64 {
+    misses.iter().map(Miss::size).fold(0.0, f64::max)
+}
+
 /// A start on its way through the stages.
 struct Candidate {
     start: String,
@@ -332,19 +337,7 @@ impl Prepared {
                 vec![start]
             }
         };
-        let mut all: Vec<Candidate> = starts
-            .into_iter()
-            .map(|s| Candidate {
-                unknowns: space.unknowns(&s.coefficients),
-                start: s.name,
-                best: None,
-                any: None,
-                earlier: Vec::new(),
-                objective: self.objective.clone(),
-                barrier: MARGIN,
-                erosion: FIRST_EROSION,
-            })
-            .collect();
+        let mut all: Vec<Candidate> = starts.iter().map(|s| self.candidate(s, &space)).collect();
         let known = if earlier.is_none() {
             self.known_sheets(&last, &space, progress)
         } else {
@@ -371,7 +364,17 @@ impl Prepared {
         }
         report.complete = !is_stopped;
         all.extend(known);
-        self.finish(&all, &space, report, progress)
+        let found = self.finish(&all, &space, report.clone(), progress);
+        let Err(InverseError::Infeasible { misses, .. }) = &found else {
+            return found;
+        };
+        // A start as it is may be nearer, or meet what the barriers lost.
+        let given = self.unchanged(&starts, &last, &space, progress);
+        match self.finish(&given, &space, report, progress) {
+            Err(InverseError::Disconnected(_)) => found,
+            Err(InverseError::Infeasible { misses: own, .. }) if size(&own) > size(misses) => found,
+            other => other,
+        }
     }
 
     /// Known sheets as they are, for a design without a start or conditions that they may break.
@@ -390,27 +393,42 @@ impl Prepared {
         if design.solid != Solid::Sheet || has_start || !is_free {
             return Vec::new();
         }
-        let problem = self.problem(design.stages.len() - 1, sampled, space, &self.objective);
-        let evaluated = start::known_sheets(design.element, sampled)
-            .into_iter()
-            .map(|s| {
-                let unknowns = space.unknowns(&s.coefficients);
-                let media = self.media(&problem);
-                // A stop is noticed by the stage that follows.
-                let (found, _) = optimise(&problem, unknowns.clone(), media, 1, progress);
-                Candidate {
-                    start: s.name,
-                    unknowns,
-                    best: found.best.map(|b| b.1),
-                    any: found.any.map(|a| a.1),
-                    earlier: Vec::new(),
-                    objective: self.objective.clone(),
-                    // Unused: corrections are over when these join.
-                    barrier: 1.0,
-                    erosion: 1.0,
-                }
-            });
+        let known = start::known_sheets(design.element, sampled);
+        self.unchanged(&known, sampled, space, progress)
+    }
+
+    /// Starts as they are, evaluated once.
+    fn unchanged(
+        &self,
+        starts: &[Start],
+        sampled: &SampledBasis,
+        space: &Space,
+        progress: &dyn Progress,
+    ) -> Vec<Candidate> {
+        let stage = self.design.stages.len() - 1;
+        let problem = self.problem(stage, sampled, space, &self.objective);
+        let evaluated = starts.iter().map(|s| {
+            let mut own = self.candidate(s, space);
+            let media = self.media(&problem);
+            // A stop is noticed by the stage that follows.
+            let (found, _) = optimise(&problem, own.unknowns.clone(), media, 1, progress);
+            (own.best, own.any) = (found.best.map(|b| b.1), found.any.map(|a| a.1));
+            own
+        });
         evaluated.collect()
+    }
+
+    fn candidate(&self, start: &Start, space: &Space) -> Candidate {
+        Candidate {
+            unknowns: space.unknowns(&start.coefficients),
+            start: start.name.clone(),
+            best: None,
+            any: None,
+            earlier: Vec::new(),
+            objective: self.objective.clone(),
+            barrier: MARGIN,
+            erosion: FIRST_EROSION,
+        }
     }
 
     /// Moves goals, flow bounds, barrier and erosion by what finer sharp voxels miss, and continues; whether stopped.
@@ -513,7 +531,6 @@ impl Prepared {
                     let (own, found) = self.figures(&cell, fine, progress)?;
                     let misses = self.misses(&own);
                     if !misses.is_empty() {
-                        let size = |all: &[Miss]| all.iter().map(Miss::size).fold(0.0, f64::max);
                         if nearest.as_ref().is_none_or(|n| size(&misses) < size(n)) {
                             nearest = Some(misses);
                         }

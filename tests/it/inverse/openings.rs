@@ -5,7 +5,7 @@ use druse::cell::{Cell, Solid, Surface};
 use druse::field::Field;
 use druse::frame::Element;
 use druse::homogenize::Settings;
-use druse::inverse::{Design, Property, properties_of, ways};
+use druse::inverse::{Design, InverseError, Property, properties_of, ways};
 use druse::progress::Silent;
 
 /// What a shipped cell has at least, on 48 sharp voxels.
@@ -203,6 +203,19 @@ fn a_design_keeps_its_opening_and_its_permeability() {
         report.target,
         "{ maximise = \"bulk\", min_opening = 0.15, min_permeability = 0.001 }"
     );
+}
+
+#[test]
+fn an_opening_that_no_cell_has_names_one_that_a_start_has() {
+    let mut design = short(largest(Property::Bulk), 0.3);
+    design.target.min_opening = Some(0.45);
+    let found = design.prepare().unwrap().search(None, &Silent).err();
+    let Some(InverseError::Infeasible { misses, .. }) = found else {
+        panic!("expected no cell");
+    };
+    let start = named(Surface::SchwarzP, Solid::Below, 0.3);
+    assert!(travels(&depths(&start)[0], 16, 0.3));
+    assert!(misses[0].found > 0.3, "{misses:?}");
 }
 
 #[test]
