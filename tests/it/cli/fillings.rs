@@ -205,8 +205,8 @@ fn folded_tets_of_cad_are_unfolded_and_thin_ones_warned_of_or_refused() {
             let error = text(&made.stderr);
             let is_made = made.status.success();
             assert_eq!(is_made, expected.is_some(), "{height}: {error}");
-            let is_told = error.contains(word) && error.is_empty() == word.is_empty();
-            assert!(is_told, "{height}: {error}");
+            let is_named = error.contains(word) && error.is_empty() == word.is_empty();
+            assert!(is_named, "{height}: {error}");
             let found = std::fs::read(place.0.path().join("part.msh")).ok();
             let is_expected = found == expected.map(|bow| one_tet(height, bow));
             assert!(is_expected, "{height} {bow}");
@@ -239,7 +239,7 @@ fn thin_tets_of_cad_are_tried_once_more() {
         let written = std::fs::read(place.0.path().join("part.msh")).unwrap();
         assert!(written == one_tet(kept, 0.0), "{heights:?}");
         let log = std::fs::read_to_string(place.0.path().join("log.txt")).unwrap();
-        let asked = log.split("Curvature ").skip(1).map(|l| &l[..2]);
-        assert_eq!(asked.collect::<Vec<_>>(), ["10", "12"][..tries]);
+        let edges = log.split("Curvature ").skip(1).map(|l| &l[..2]);
+        assert_eq!(edges.collect::<Vec<_>>(), ["10", "12"][..tries]);
     }
 }

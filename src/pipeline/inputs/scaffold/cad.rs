@@ -134,7 +134,7 @@ impl Gmsh<'_> {
             .stdout(log.try_clone().map_err(io)?)
             .stderr(log);
         let mut child = command.spawn().map_err(fault)?;
-        let said = || {
+        let read_words = || {
             let bytes = std::fs::read(&words).map_err(io)?;
             Ok::<String, RunError>(String::from_utf8_lossy(&bytes).into_owned())
         };
@@ -143,7 +143,7 @@ impl Gmsh<'_> {
             if let Some(status) = child.try_wait().map_err(io)? {
                 break status;
             }
-            let text = said()?;
+            let text = read_words()?;
             let mut begun = text.lines().rev().filter(|l| l.ends_with("..."));
             let stage = begun.find_map(|l| l.strip_prefix("Info    : Meshing "));
             if let Some(stage) = stage.filter(|s| *s != shown) {
@@ -158,7 +158,7 @@ impl Gmsh<'_> {
             }
             std::thread::sleep(POLL);
         };
-        let words = said()?;
+        let words = read_words()?;
         let is_fault = |l: &&str| l.starts_with("Error") || l.starts_with("Fatal");
         let faults: Vec<&str> = words.lines().filter(is_fault).take(MAX_LINES).collect();
         if status.success() && faults.is_empty() && output.is_file() {
