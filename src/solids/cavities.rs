@@ -329,3 +329,29 @@ impl VoidGraph {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use druse_geometry::progress::Silent;
+
+    #[test]
+    fn a_room_escapes_by_its_widest_way_or_not_at_all() {
+        // Outside; a room of 11^3 voxels with a way of 1.5, and one of 2.5 by a niche; a closed room of 6^3; a duct.
+        let place = Coord([0; 3]);
+        let basins = [(9.0, 1), (5.5, 1331), (4.0, 10), (3.0, 216), (3.2, 50)];
+        let basins = basins.map(|(depth, voxels)| Basin {
+            voxels,
+            depth,
+            place,
+        });
+        let edges = [([0, 1], 1.5), ([2, 0], 3.5), ([1, 2], 2.5), ([0, 4], 3.0)];
+        let edges = edges.map(|(ends, level)| Edge { ends, level, place });
+        let (basins, edges) = (basins.into(), edges.into());
+        let (graph, measure) = (VoidGraph { basins, edges }, Measure::new(0.5, 1.0, 8));
+        let found = graph.cavities(measure, &Silent).unwrap().list;
+        let facts = found.iter().map(|c| (c.volume, c.radius, c.escape_radius));
+        let expected = [(1331.0 / 8.0, 2.75, 1.25), (27.0, 1.5, 0.0)];
+        assert_eq!(facts.collect::<Vec<_>>(), expected);
+    }
+}

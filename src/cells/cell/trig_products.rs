@@ -279,3 +279,29 @@ impl Products {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_gyroid_is_its_closed_form_within_its_bounds() {
+        let hex = druse_geometry::frame::Element::Hex;
+        let cell = crate::cell::Surface::Gyroid.cell(hex).unwrap();
+        let products = Products::of(&cell, cell.expression()).unwrap();
+        let closed = |u: Vec3| {
+            let [(sx, cx), (sy, cy), (sz, cz)] = [u.x, u.y, u.z].map(|c| (TAU * c).sin_cos());
+            sx * cy + sy * cz + sz * cx
+        };
+        for u in [[0.1, 0.2, 0.3], [-0.4, 3.3, 0.0], [0.7, -0.6, 1.2]].map(Vec3::from) {
+            let (value, gradient) = products.value_and_gradient(u);
+            assert!((value - closed(u)).abs() < 1e-12, "{u:?}: {value}");
+            for step in [0, 1, 2, 3, 4, 5].map(|n| Vec3::ith(n / 2, [0.05, -0.05][n % 2])) {
+                let ((lo, hi), there) = (products.bound(u, step.abs()), closed(u + step));
+                // Second derivatives along an axis are at most 2 (2 pi)^2.
+                let error = there - value - gradient.dot(&step);
+                assert!(error.abs() < (TAU * 0.05).powi(2) && lo <= there && there <= hi);
+            }
+        }
+    }
+}

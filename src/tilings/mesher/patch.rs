@@ -202,3 +202,24 @@ impl Welder {
         [self.vertices, self.faces]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesher::{LeafValues, Mesher};
+    use druse_geometry::{frame::Transform, mesh, progress::Silent};
+
+    #[test]
+    fn a_ball_in_a_leaf_is_closed_with_its_area() {
+        let from = |n: usize| Vec3::from([n >> 6, n >> 3 & 7, n & 7].map(|i| i as f64 - 3.4));
+        let values = &std::array::from_fn(|n| (from(n).norm() - 3.1) as f32);
+        let origin = Coord([0; 3]);
+        let leaf = LeafValues { origin, values };
+        let mesher = Mesher::new(Transform::new(1.0).unwrap());
+        let patch = mesher.patch(&[leaf], Region::EVERYWHERE, &Silent).unwrap();
+        let whole = mesh::TriMesh::new_unchecked(patch.vertices, patch.faces);
+        assert!(mesh::check(&whole).is_sound());
+        let share = whole.area() / (4.0 * std::f64::consts::PI * 3.1 * 3.1);
+        assert!((share - 1.0).abs() < 0.05, "{share}");
+    }
+}

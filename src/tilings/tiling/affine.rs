@@ -440,3 +440,40 @@ impl<F: Filling> TiledSolid<'_, F> {
         }
     }
 }
+
+#[cfg(test)]
+pub(super) mod tests {
+    use crate::scaffold::{Connectivity, Kind, Scaffold};
+    use crate::tiling::{TiledSolid, TilingOptions};
+    use druse_cells::cell::of_terms;
+    use druse_geometry::field::{Field, Point, SampleLattice};
+    use druse_geometry::frame::{Vec3, WorldPoint};
+
+    /// Samples near a zero of cos 2 pi z in an element whose map keeps z: as single points, and to its planes z = 1/4.
+    pub fn check_wave(kind: Kind, map: impl Fn(Vec3) -> Vec3, zero: Vec3) {
+        let wave = of_terms("wave", kind.shape(), Some("C1"), &[([0, 0, 1], [0.5, 0.0])]).unwrap();
+        let nodes: Vec<Vec3> = kind.reference_nodes().iter().map(|xi| map(xi.0)).collect();
+        let mut elements = Connectivity::default();
+        elements.push(kind, &Vec::from_iter(0..nodes.len() as u32));
+        let scaffold = Scaffold::new(nodes, elements).unwrap();
+        let tiled = TiledSolid::new(&scaffold, &wave, TilingOptions::new(0.01)).unwrap();
+        let lattice = SampleLattice {
+            origin: WorldPoint(zero).stepped(-0.01, [2; 3]),
+            step: 0.0123,
+            counts: [5, 4, 6],
+        };
+        let mut values = [0f32; 120];
+        tiled.fill(&lattice, &mut values);
+        for (n, v) in values.map(f64::from).into_iter().enumerate() {
+            let p = lattice.point(n);
+            let d = (0.25 - p.0.z.abs()).clamp(-0.03, 0.03);
+            assert!((v - d).abs() < 2e-6 && (v - tiled.value(p)).abs() < 2e-8);
+        }
+    }
+
+    #[test]
+    fn a_wave_in_a_sheared_tet_has_the_distances_of_its_planes() {
+        let sheared = |p: Vec3| Vec3::new(1.2 * p.x + 0.4 * p.z, p.y + 0.3 * p.x, p.z);
+        check_wave(Kind::Tet4, sheared, Vec3::new(0.05, 0.0, 0.25));
+    }
+}

@@ -436,3 +436,32 @@ fn box_distance(beyond: Vec3) -> f64 {
         beyond.sup(&Vec3::zeros()).norm()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scaffold::Kind;
+    use druse_cells::cell::Surface;
+    use druse_geometry::{field::Point, frame::Element};
+
+    #[test]
+    fn a_leaf_has_the_values_of_points_and_the_signs_of_the_closed_form() {
+        let scaffold = Scaffold::box_grid(Vec3::repeat(2.0), [2; 3], Kind::Hex8).unwrap();
+        let cell = Surface::SchwarzP.cell(Element::Hex).unwrap();
+        let products = Products::of(&cell, cell.expression()).unwrap();
+        // Of 8 voxels to a period no scales are tabulated.
+        let (h, mut options) = (0.125, TilingOptions::new(0.125));
+        options.half_width = 0.16;
+        let patch = Patch::new(&scaffold, &cell, 0, 2.0 * h);
+        let grid = HexGrid::new(&scaffold, &products, &[patch], options).unwrap();
+        let origin = WorldPoint(Vec3::new(-0.11, 0.52, 0.63));
+        let leaf = grid.leaf(&grid.scales, true, origin, h);
+        for (n, d) in leaf.iter().map(|d| f64::from(*d)).enumerate() {
+            let x = origin.stepped(h, [n >> 6, n >> 3 & 7, n & 7]).0;
+            assert!((d - grid.value(x)).abs() < 1e-5, "{x:?}: {d}");
+            // The cell's origin is the middle of an element; the box begins at x = 0.
+            let sum: f64 = x.iter().map(|c| -(std::f64::consts::TAU * c).cos()).sum();
+            assert_eq!(d < 0.0, sum < 0.0 && x.x > 0.0, "{x:?}: {d} {sum}");
+        }
+    }
+}

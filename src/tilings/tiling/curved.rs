@@ -445,3 +445,15 @@ impl CurvedBatch {
         });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::{scaffold::Kind, tiling::affine::tests::check_wave};
+    use druse_geometry::frame::Vec3;
+
+    #[test]
+    fn a_wave_along_a_sector_of_a_tube_has_the_distances_of_its_planes() {
+        let bent = |p: Vec3| Vec3::new((1.5 + p.x) * p.y.cos(), (1.5 + p.x) * p.y.sin(), p.z);
+        check_wave(Kind::Tet10, bent, Vec3::new(1.5, 0.05, -0.25));
+    }
+}

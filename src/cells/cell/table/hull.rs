@@ -154,3 +154,22 @@ impl SimdKernel for CellRanges<'_> {
         all
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn linear_coefficients_have_the_ranges_of_their_function() {
+        let (samples, periods) = ([8; 3], [1.0, 2.0, 4.0]);
+        let of = |n: usize| (n / 121) as f32 - 2.0 * (n / 11 % 11) as f32 + 3.0 * (n % 11) as f32;
+        let coefficients: Vec<f32> = (0..11 * 11 * 11).map(of).collect();
+        let ranges = cell_ranges(&coefficients, &Grid { samples, periods }, [2, 1, 0]);
+        for (k, r) in ranges.iter().enumerate() {
+            // Cell n begins at coefficient n + 1 and is 1/8, 1/4 and 1/2 of a reference length wide.
+            let least = 3.0 - 2.0 * 3.0 + 3.0 * (k as f32 + 1.0);
+            assert!((r.least - least).abs() + (r.greatest - least - 6.0).abs() < 1e-5);
+            assert!((r.max_slope.powi(2) - 164.0).abs() < 1e-3, "{k}: {r:?}");
+        }
+    }
+}

@@ -283,3 +283,37 @@ pub(super) fn trim(values: &mut Values, mask: &mut [u64; 8], background: f32) {
         *values = [[if inside { -background } else { background }; 8]; 64];
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use druse_geometry::frame::{Coord, Vec3};
+
+    #[test]
+    fn a_plane_stays_and_a_ball_shrinks_by_its_curvature() {
+        for r in [20.0, 5e4] {
+            let at = |n: usize| Vec3::from([n >> 6, n >> 3 & 7, n & 7].map(|i| i as f64 + r));
+            let values: [f32; 512] =
+                std::array::from_fn(|n| (at(n).norm() - 3f64.sqrt() * r) as f32);
+            let leaf = crate::band::LeafRef {
+                origin: Coord([0; 3]),
+                mask: [u64::MAX; 8],
+                values: &values,
+            };
+            let pool = Pool::new(1, |_| leaf, 99.0);
+            for axis in 0..4 {
+                let mut out = pool.spare.clone();
+                match axis {
+                    3 => stencil(&pool, 0, &mut out, laplacian_step),
+                    _ => box_mean(&pool, axis, 1, 0, &mut out),
+                }
+                // A third of the second derivative (1 - n_a^2) / r along an axis, a sixth of the Laplacian 2 / r.
+                for n in [0o111, 0o126, 0o253, 0o345, 0o634, 0o666] {
+                    let change = f64::from(out[0].as_flattened()[n] - values[n]);
+                    let share = at(n).normalize().get(axis).map_or(1.0, |n| 1.0 - n * n);
+                    assert!((change - share / (3.0 * at(n).norm())).abs() < 5e-5);
+                }
+            }
+        }
+    }
+}
