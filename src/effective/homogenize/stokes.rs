@@ -479,3 +479,21 @@ fn scale(y: &mut [f64], a: f64) {
         }
     });
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slit_has_a_twelfth_of_its_cube() {
+        // n of 8 layers are open: h^3 / 12 to second order, with a relative error of 2 / n^2.
+        for n in [2, 4, 6] {
+            let grid = Grid::new([2, 8, 2], [1.0; 3]).unwrap();
+            let mut flow = Stokes::new(grid, |v| v / 2 % 8 < n).unwrap();
+            let silent = &druse_geometry::progress::Silent;
+            let k = flow.solve(&[0, 1], Control::default(), silent).unwrap();
+            let expected = (n as f64 / 8.0).powi(3) / 12.0 * (1.0 + 2.0 / (n * n) as f64);
+            assert!((k.matrix[0][0] - expected).hypot(k.matrix[1][1]) < 1e-6);
+        }
+    }
+}

@@ -1,7 +1,7 @@
 //! The side of the band on which leaves lie, for cubes of 4^3 leaves.
 //!
-//! Over a part with centre c and half edges h, F is within sum_a |dF/da| h_a + R of F(c), with Taylor's remainder R: a
-//! part whose least F is above the first bound is outside. Parts are bits along z in `[x][y]`, two a leaf and axis.
+//! Over a part with centre c and half edges h, F is within `sum_a |dF/da| h_a + R` of F(c), with Taylor's remainder R.
+//! A part whose least F is above the first bound is outside. Parts are bits along z in `[x][y]`, two a leaf and axis.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
