@@ -135,7 +135,7 @@ fn sampled(cell: &Cell, n: usize) -> Result<Vec<f64>, InverseError> {
 }
 
 /// Lengths in the period over those of the reference element: of twelve tets, whose longest edges are its own, the
-/// greatest factor, so that no wall or gap of a regular tet is narrower than it says.
+/// greatest factor, so that no wall or gap of a regular tet is narrower than stated.
 pub(super) fn scale(element: Element) -> f64 {
     1.0 / element.edge()
 }

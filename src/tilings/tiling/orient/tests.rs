@@ -427,7 +427,7 @@ fn other_shapes_and_functions_are_turned_too() {
 
     let gyroid = Surface::Gyroid.cell(Element::Hex).unwrap();
     let both = vec![gyroid.expression().clone(), chiral(5).expression().clone()];
-    let union = Cell::new("union", Element::Hex, Expression::least(both, 0.1).unwrap()).unwrap();
+    let union = Cell::new("union", Element::Hex, Expression::min(both, 0.1).unwrap()).unwrap();
     let mixed = shuffled(&warped(Kind::Hex8, [3, 2, 2]), 9);
     let found = orient(&mixed, &member(&union), &Aim::World, Mismatch::Refuse)
         .unwrap()
