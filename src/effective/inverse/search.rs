@@ -42,8 +42,8 @@ const FEATURE_KEY: &str = "min_feature";
 /// Part of the last stage's evaluations that each correction has.
 const CORRECTION_SHARE: f64 = 0.4;
 
-/// The greatest miss.
-fn size(misses: &[Miss]) -> f64 {
+/// The size of the greatest miss.
+fn miss(misses: &[Miss]) -> f64 {
     misses.iter().map(Miss::size).fold(0.0, f64::max)
 }
 
@@ -372,7 +372,7 @@ impl Prepared {
         let given = self.unchanged(&starts, &last, &space, progress);
         match self.finish(&given, &space, report, progress) {
             Err(InverseError::Disconnected(_)) => found,
-            Err(InverseError::Infeasible { misses: own, .. }) if size(&own) > size(misses) => found,
+            Err(InverseError::Infeasible { misses: own, .. }) if miss(&own) > miss(misses) => found,
             other => other,
         }
     }
@@ -531,7 +531,7 @@ impl Prepared {
                     let (own, found) = self.figures(&cell, fine, progress)?;
                     let misses = self.misses(&own);
                     if !misses.is_empty() {
-                        if nearest.as_ref().is_none_or(|n| size(&misses) < size(n)) {
+                        if nearest.as_ref().is_none_or(|n| miss(&misses) < miss(n)) {
                             nearest = Some(misses);
                         }
                         continue;

@@ -64,9 +64,9 @@ pub(crate) fn cad_mesh(
     hash.update(format!("volume {options:?}").as_bytes());
     let path = folder.join(format!("{}.msh", hash.finalize().to_hex()));
     let kept = path.with_extension("volume");
-    if path.is_file() {
-        let volume = std::fs::read_to_string(&kept).map_err(io)?;
-        let volume = volume.parse().unwrap_or(0.0);
+    // The volume is written first: without a number in it the mesh is made anew.
+    let volume = std::fs::read_to_string(&kept).unwrap_or_default().parse();
+    if let Some(volume) = volume.ok().filter(|_| path.is_file()) {
         return Ok(CadMesh { path, volume });
     }
     std::fs::create_dir_all(&folder).map_err(io)?;
