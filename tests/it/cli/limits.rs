@@ -300,9 +300,10 @@ fn one_signal_ends_a_run_that_waits_for_a_reader() {
 
 #[test]
 fn processor_time_that_runs_out_stops_a_run_as_a_signal_does() {
+    // The filter takes some 100 s of processor time, until the ball has vanished; of a coarser ball only 2 s.
     let recipe = format!(
         "{}[[op]]\ngaussian = {{ width = 3, iterations = 1000 }}\n{FILES}",
-        BALL.replace("0.4", "0.1")
+        BALL.replace("0.4", "0.04")
     );
     let place = Place::with(&recipe);
     let output = run(&place, "ulimit -t 3", &["run", "r.toml"]);
