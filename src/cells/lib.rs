@@ -6,4 +6,6 @@
 //! No item here knows scaffolds, files or volumes. The items have their public names in the crate `druse`.
 
 pub mod cell;
+#[doc(hidden)]
+pub mod fourier;
 pub mod symmetry;

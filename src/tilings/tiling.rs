@@ -29,7 +29,6 @@
 //! ```
 
 use crate::scaffold::Scaffold;
-use druse_cells::cell::Table;
 use druse_geometry::field::{
     Field, Interval, LeafParts, Leaves, SampleLattice, ValueLimits, signs_of_values,
 };
@@ -186,9 +185,9 @@ pub struct Sample {
 ///
 /// Values are world distances clamped to `[-w, w]`, negative inside. Points are `f64`; the cell's table
 /// rounds to `f32` in the same way in all elements.
-pub struct TiledSolid<'a, F: Filling = Table> {
+pub struct TiledSolid<'a> {
     scaffold: &'a Scaffold,
-    filling: FillingRef<'a, F>,
+    filling: FillingRef<'a>,
     options: TilingOptions,
     patches: Vec<Patch>,
     /// The largest slope bound L of the elements, near the surface.
@@ -206,7 +205,7 @@ pub struct TiledSolid<'a, F: Filling = Table> {
 /// Chordal error of the boundary's triangles on curved faces, in voxels.
 const CHORD_TOLERANCE: f64 = 0.05;
 
-impl<'a, F: Filling> TiledSolid<'a, F> {
+impl<'a> TiledSolid<'a> {
     /// Prepares the tiling: slopes of every element, boundary of every component.
     ///
     /// # Errors
@@ -214,7 +213,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
     /// [`Filling::check`].
     pub fn new(
         scaffold: &'a Scaffold,
-        filling: &'a F,
+        filling: &'a dyn Filling,
         options: TilingOptions,
     ) -> Result<Self, TilingError> {
         Self::from_ref(scaffold, FillingRef::Borrowed(filling), options)
@@ -226,7 +225,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
     /// As [`Self::new`].
     pub fn with_owned_filling(
         scaffold: &'a Scaffold,
-        filling: F,
+        filling: impl Filling + 'a,
         options: TilingOptions,
     ) -> Result<Self, TilingError> {
         Self::from_ref(scaffold, FillingRef::Owned(Box::new(filling)), options)
@@ -236,7 +235,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
     /// log names the kernel that was chosen.
     fn from_ref(
         scaffold: &'a Scaffold,
-        filling: FillingRef<'a, F>,
+        filling: FillingRef<'a>,
         options: TilingOptions,
     ) -> Result<Self, TilingError> {
         for (what, value) in [
@@ -401,7 +400,7 @@ impl<'a, F: Filling> TiledSolid<'a, F> {
     }
 }
 
-impl<F: Filling> Field for TiledSolid<'_, F> {
+impl Field for TiledSolid<'_> {
     type Point = WorldPoint;
 
     fn value(&self, p: WorldPoint) -> f64 {

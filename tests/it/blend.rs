@@ -367,7 +367,7 @@ fn a_transition_between_equals_changes_nothing() {
     assert!(one.iter().any(|d| *d < 0.0) && one.iter().any(|d| *d > 0.0));
 }
 
-fn sampled<F: Filling>(t: &TiledSolid<F>) -> Vec<f64> {
+fn sampled(t: &TiledSolid) -> Vec<f64> {
     let mut noise = Noise::new(1);
     (0..300)
         .map(|_| {

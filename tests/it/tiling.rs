@@ -62,7 +62,7 @@ fn point_on_face(scaffold: &Scaffold, noise: &mut Noise) -> (Vec3, Vec3) {
 }
 
 /// Greatest difference of the distance across element faces, in voxels, over points near the band.
-fn greatest_jump(scaffold: &Scaffold, tiled: &TiledSolid<Cosines>, voxel: f64, seed: u64) -> f64 {
+fn greatest_jump(scaffold: &Scaffold, tiled: &TiledSolid, voxel: f64, seed: u64) -> f64 {
     let mut noise = Noise::new(seed);
     let mut greatest = 0f64;
     for _ in 0..1500 {

@@ -5,8 +5,9 @@
 
 use super::grid::Grid;
 use super::stencil::{Frequencies, RowMap};
+use druse_cells::fourier;
+use rustfft::Fft;
 use rustfft::num_complex::Complex64;
-use rustfft::{Fft, FftPlanner};
 use std::sync::Arc;
 
 /// The scheme on a grid.
@@ -21,14 +22,10 @@ pub(super) struct Collocation {
 impl Collocation {
     /// Plans the transforms of the three axes, forward and inverse.
     pub fn new(grid: Grid) -> Self {
-        let mut planner = FftPlanner::<f64>::new();
-        let transforms = grid
-            .counts()
-            .map(|n| [planner.plan_fft_forward(n), planner.plan_fft_inverse(n)]);
         Self {
             grid,
             frequencies: Frequencies::trigonometric(grid),
-            transforms,
+            transforms: grid.counts().map(fourier::transforms),
         }
     }
 

@@ -213,8 +213,8 @@ fn tiled_field<'a, C: CellField + 'a>(
 }
 
 /// A tiled solid with the interpolation and the counter of visits of some options, and its kernel.
-fn with_options<'a, F: tiling::Filling + 'a>(
-    solid: TiledSolid<'a, F>,
+fn with_options<'a>(
+    solid: TiledSolid<'a>,
     options: SheetOptions<'a>,
 ) -> (Box<WorldField<'a>>, Kernel) {
     let kernel = solid.kernel();

@@ -20,10 +20,10 @@ mod newton_steps;
 mod rule;
 mod sample_batch;
 
+use super::TiledSolid;
 use super::boundary::RegionFacts;
 use super::fill::{BLOCK_EDGE, FillRequest, PartOfLattice, parts};
 use super::locality::{NEIGHBOUR_DISTANCE, NearElements, near_surface_distance};
-use super::{Filling, TiledSolid};
 use block::{BLOCK_VOLUME, Block, BlockSpan, FillContext, Part, sample_offset};
 use druse_geometry::field::Interval;
 use druse_geometry::frame::Vec3;
@@ -74,7 +74,7 @@ impl AffineBuffers {
     }
 }
 
-impl<F: Filling> TiledSolid<'_, F> {
+impl TiledSolid<'_> {
     /// Whether all near elements are affine.
     pub(super) fn are_affine(&self, near: &NearElements) -> bool {
         let mut all = near.patches.iter();

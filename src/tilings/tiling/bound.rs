@@ -8,7 +8,7 @@
 
 use super::fill::with_affine_buffers;
 use super::locality::{LocalSearch, NEIGHBOUR_DISTANCE, NearElements};
-use super::{Distance, Filling, TiledSolid};
+use super::{Distance, TiledSolid};
 use druse_geometry::field::{Interval, LeafParts};
 use druse_geometry::frame::{Aabb, CellPoint};
 use std::cell::Cell;
@@ -72,7 +72,7 @@ impl<'a, const N: usize> From<&'a [Aabb; N]> for RegionGroup<'a, N> {
     }
 }
 
-impl<F: Filling> TiledSolid<'_, F> {
+impl TiledSolid<'_> {
     /// Bound over all components.
     pub(super) fn bound_of_all(&self, region: &Aabb) -> Interval {
         let [bound] = self.bounds_of_all(&RegionGroup::from(&[*region]));

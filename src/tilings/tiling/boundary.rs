@@ -4,7 +4,7 @@
 //! either side of it. Distances D are negative inside the scaffold. Under [`Boundary::Extend`] nothing is cut; D is
 //! then needed only to find where the field is continued.
 
-use super::{Boundary, CHORD_TOLERANCE, Filling, TiledSolid};
+use super::{Boundary, CHORD_TOLERANCE, TiledSolid};
 use druse_geometry::field::{Interval, ValueLimits};
 use druse_geometry::frame::{Aabb, Vec3};
 use druse_geometry::mesh::{ClosestPoint, MeshSolid};
@@ -80,7 +80,7 @@ pub(super) fn within_band([low, high]: [f32; 2], band: Interval) -> Interval {
     )
 }
 
-impl<F: Filling> TiledSolid<'_, F> {
+impl TiledSolid<'_> {
     /// Cuts the field's distance `d` at a point of the scaffold with the boundary: max(d, D). Distances are in world
     /// units; `known` states what is proved of the region around `x`.
     pub(super) fn cut_at_boundary(

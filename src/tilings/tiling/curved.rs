@@ -16,12 +16,12 @@
 mod exterior_samples;
 mod in_band_samples;
 
+use super::TiledSolid;
 use super::boundary::RegionFacts;
 use super::local_map::LocalMap;
 use super::locality::{LocalSearch, Owner, OwnerBuffers};
 use super::newton_distance::FirstStep;
 use super::patch::{Patch, Preimages};
-use super::{Filling, TiledSolid};
 use druse_geometry::frame::{CellPoint, Mat3, Vec3};
 use exterior_samples::ExteriorSample;
 use in_band_samples::{Contribution, ScaleSum};
@@ -159,7 +159,7 @@ fn tetrahedron_corners(samples: &[LatticeSample]) -> [Vec3; 4] {
     ]
 }
 
-impl<F: Filling> TiledSolid<'_, F> {
+impl TiledSolid<'_> {
     /// Distances at samples, given block by block in the order of a lattice, cut at the boundary.
     pub(super) fn fill_curved(
         &self,

@@ -7,10 +7,10 @@
 use super::locality::{LocalSearch, Owner};
 use super::newton_distance::{self, FirstStep, InverseJacobians, StepLimits, StepStarts};
 use super::patch::{Patch, Preimage};
-use super::{Distance, Filling, TiledSolid};
+use super::{Distance, TiledSolid};
 use druse_geometry::frame::{CellPoint, Vec3};
 
-impl<F: Filling> TiledSolid<'_, F> {
+impl TiledSolid<'_> {
     /// The distance d(F) at a point of the scaffold, clamped to the band and not cut at the boundary.
     pub(super) fn distance(&self, local: &LocalSearch, at: Owner, x: Vec3) -> f64 {
         let w = self.options.half_width;

@@ -5,9 +5,9 @@
 //! leaves the cell or does not converge gives nothing, so that the distance is never greater than that of rule Q.
 //! Nothing proves that the closest zero is found.
 
+use super::TiledSolid;
 use super::locality::LocalSearch;
 use super::patch::{Patch, Preimage};
-use super::{Filling, TiledSolid};
 use druse_geometry::frame::{CellPoint, Element, Mat3, Vec3};
 use std::sync::LazyLock;
 
@@ -91,7 +91,7 @@ impl Domain {
 static DOMAINS: LazyLock<[Vec<Domain>; 6]> =
     LazyLock::new(|| Element::SCAFFOLD_ELEMENTS.map(Domain::all));
 
-impl<F: Filling> TiledSolid<'_, F> {
+impl TiledSolid<'_> {
     /// The distance at `x` by rule R, where rule Q gives `d`; never further from 0. It has the sign of `d`.
     pub(super) fn exact(&self, local: &LocalSearch, x: Vec3, d: f64) -> f64 {
         let mut best = d.abs();

@@ -5,7 +5,7 @@ use super::boundary::{RegionFacts, within_band};
 use super::curved::{CurvedBatch, LatticeSample};
 use super::interpolated::InterpolationBuffers;
 use super::locality::{LocalSearch, NearElements};
-use super::{Distance, Filling, TiledSolid};
+use super::{Distance, TiledSolid};
 use druse_geometry::field::{Field, Interval, LeafBits, Leaves, Point, SampleLattice, ValueLimits};
 use druse_geometry::frame::{Aabb, Vec3, WorldPoint};
 use std::cell::Cell;
@@ -71,7 +71,7 @@ pub(super) fn with_affine_buffers<T>(work: impl FnOnce(&mut AffineBuffers) -> T)
     found
 }
 
-impl<F: Filling> TiledSolid<'_, F> {
+impl TiledSolid<'_> {
     /// Fills leaves one by one, and proves the signs of those deep in the scaffold where possible. Returns the
     /// number of cell evaluations; `None` if the surface is to be moved.
     pub(super) fn fill_leaves_separately(

@@ -14,7 +14,7 @@ mod matrices;
 
 use super::locality::NearElements;
 use super::patch::{InverseOptions, Preimages};
-use super::{Distance, Filling, TiledSolid};
+use super::{Distance, TiledSolid};
 use druse_geometry::field::{Interval, Point, SampleLattice};
 use druse_geometry::frame::{CellPoint, Vec3, WorldPoint};
 use leaf::{LeafValues, RuleQ, evaluate_leaf};
@@ -53,7 +53,7 @@ fn trial_samples() -> impl Iterator<Item = [usize; 3]> {
         .flat_map(|ends| (0..8).map(move |n| [ends[n >> 2 & 1], ends[n >> 1 & 1], ends[n & 1]]))
 }
 
-impl<F: Filling> TiledSolid<'_, F> {
+impl TiledSolid<'_> {
     /// Interpolates the distances of a leaf if it lies in one element, more than w inside the boundary, and if the
     /// trial is within the tolerance. `near` are the elements less than a voxel away, `depth` is the signed distance to
     /// the boundary, negative inside.

@@ -3,7 +3,7 @@
 use super::boundary::RegionFacts;
 use super::local_map::LocalMap;
 use super::patch::{FACE_TOLERANCE, InverseOptions, Patch, Preimage, Preimages};
-use super::{Distance, Filling, TiledSolid, TilingOptions};
+use super::{Distance, TiledSolid, TilingOptions};
 use druse_geometry::frame::{Aabb, Vec3};
 use std::cell::Cell;
 
@@ -118,7 +118,7 @@ impl LocalSearch {
     }
 }
 
-impl<F: Filling> TiledSolid<'_, F> {
+impl TiledSolid<'_> {
     /// Distance from an element's faces over which fields are blended: one voxel.
     pub(super) fn delta(&self) -> f64 {
         self.options.voxel_size

@@ -94,7 +94,7 @@ impl Preimages {
 impl Patch {
     /// Prepares element `number` of a filled scaffold. Slopes count as near the surface up to the distance
     /// `reach`, world units.
-    pub fn new(scaffold: &Scaffold, filling: &impl Filling, number: usize, reach: f64) -> Self {
+    pub fn new(scaffold: &Scaffold, filling: &dyn Filling, number: usize, reach: f64) -> Self {
         let element = scaffold.element(number);
         let shape = element.shape();
         // The affine map that agrees at the origin; curved elements start Newton's method with it. A singular Jacobian

@@ -316,17 +316,17 @@ impl<C: CellField> Filling for C {
 }
 
 /// A filling, borrowed or owned by the tiling.
-pub(super) enum FillingRef<'a, F> {
-    Borrowed(&'a F),
-    Owned(Box<F>),
+pub(super) enum FillingRef<'a> {
+    Borrowed(&'a dyn Filling),
+    Owned(Box<dyn Filling + 'a>),
 }
 
-impl<F> std::ops::Deref for FillingRef<'_, F> {
-    type Target = F;
-    fn deref(&self) -> &F {
+impl<'a> std::ops::Deref for FillingRef<'a> {
+    type Target = dyn Filling + 'a;
+    fn deref(&self) -> &Self::Target {
         match self {
-            Self::Borrowed(f) => f,
-            Self::Owned(f) => f,
+            Self::Borrowed(f) => *f,
+            Self::Owned(f) => &**f,
         }
     }
 }

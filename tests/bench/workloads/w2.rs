@@ -123,10 +123,7 @@ fn table_for(scaffold: &Scaffold, band_limit: f64) -> Result<Table, Fault> {
 }
 
 /// As the pipeline samples a tiling.
-fn tiled<'a, F: Filling>(
-    scaffold: &'a Scaffold,
-    filling: &'a F,
-) -> Result<TiledSolid<'a, F>, Fault> {
+fn tiled<'a>(scaffold: &'a Scaffold, filling: &'a dyn Filling) -> Result<TiledSolid<'a>, Fault> {
     let options = TilingOptions {
         voxel_size: 1.0,
         half_width: 3.0,

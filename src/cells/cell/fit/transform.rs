@@ -5,10 +5,11 @@
 //! for the first sample at -1/2. The samples are real, so only half of G is stored, by its last index. The
 //! storage order is reversed (first axis fastest), which saves one transposition.
 
+use crate::fourier;
 use crate::symmetry::Frequency;
 use rayon::prelude::*;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
-use rustfft::{Fft, FftPlanner, num_complex::Complex64};
+use rustfft::{Fft, num_complex::Complex64};
 use std::sync::Arc;
 
 /// Columns per task of a transposition.
@@ -139,13 +140,13 @@ impl<const D: usize> Transform<D> {
     /// Plans for `n` samples per axis.
     pub fn new(n: usize) -> Self {
         let mut real = RealFftPlanner::new();
-        let mut complex = FftPlanner::new();
+        let [forward, inverse] = fourier::transforms(n);
         Self {
             n,
             real: real.plan_fft_forward(n),
             back: real.plan_fft_inverse(n),
-            forward: complex.plan_fft_forward(n),
-            inverse: complex.plan_fft_inverse(n),
+            forward,
+            inverse,
         }
     }
 

@@ -6,9 +6,9 @@
 use super::AffineBuffers;
 use super::block::FillContext;
 use super::sample_batch::{MAX_SAMPLES, bits};
+use crate::tiling::TiledSolid;
 use crate::tiling::boundary::RegionFacts;
 use crate::tiling::locality::LocalSearch;
-use crate::tiling::{Filling, TiledSolid};
 use druse_geometry::field::Interval;
 use druse_geometry::frame::{Aabb, Vec3};
 
@@ -23,7 +23,7 @@ pub(super) struct ExteriorSample {
     pub part: usize,
 }
 
-impl<F: Filling> TiledSolid<'_, F> {
+impl TiledSolid<'_> {
     /// The value at a sample, evaluated as a single point.
     pub(super) fn single_value(
         &self,

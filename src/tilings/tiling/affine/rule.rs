@@ -7,9 +7,9 @@
 use super::distances::BatchDistances;
 use super::newton_steps::NewtonBatch;
 use super::sample_batch::{BatchLocations, MAX_SAMPLES, SampleBatch, bits};
+use crate::tiling::TiledSolid;
 use crate::tiling::locality::NearElements;
 use crate::tiling::patch::Patch;
-use crate::tiling::{Filling, TiledSolid};
 use druse_geometry::field::Interval;
 use druse_geometry::frame::CellPoint;
 
@@ -91,7 +91,7 @@ fn gather(location: &BatchLocations, which: u64, at: &mut [CellPoint<3>; MAX_SAM
     count
 }
 
-impl<F: Filling> TiledSolid<'_, F> {
+impl TiledSolid<'_> {
     /// Evaluates the field at the points that elements own, into `values` at the points' numbers.
     pub(super) fn evaluate_owned(
         &self,

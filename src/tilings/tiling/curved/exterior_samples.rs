@@ -7,9 +7,9 @@
 //! The law `values_in_bulk_are_those_of_single_points_in_graded_elements_of_every_kind` compares with single points.
 
 use super::{CurvedBatch, LatticeSample};
+use crate::tiling::TiledSolid;
 use crate::tiling::boundary::RegionFacts;
 use crate::tiling::locality::{LocalSearch, Owner};
-use crate::tiling::{Filling, TiledSolid};
 use druse_geometry::frame::Vec3;
 
 /// A sample in no element whose value is that of a point of one.
@@ -24,7 +24,7 @@ pub(super) struct ExteriorSample {
     owner: Option<Owner>,
 }
 
-impl<F: Filling> TiledSolid<'_, F> {
+impl TiledSolid<'_> {
     /// The values at the exterior samples of a batch.
     pub(super) fn fill_exterior_samples(
         &self,

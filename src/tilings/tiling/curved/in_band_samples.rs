@@ -7,10 +7,10 @@
 //! order from both sides of a face. The steps have no error of their own; `newton_distance` states that of the scale.
 
 use super::{CurvedBatch, JacobianSource, LatticeSample};
+use crate::tiling::TiledSolid;
 use crate::tiling::boundary::RegionFacts;
 use crate::tiling::locality::LocalSearch;
 use crate::tiling::newton_distance::{self, FirstStep, InverseJacobians, StepStarts};
-use crate::tiling::{Filling, TiledSolid};
 use druse_geometry::frame::{CellPoint, Vec3};
 
 /// The contribution of an element to a sample.
@@ -29,7 +29,7 @@ pub(super) struct ScaleSum {
     weights: f64,
 }
 
-impl<F: Filling> TiledSolid<'_, F> {
+impl TiledSolid<'_> {
     /// Passes samples out of the band to `found`, and collects the contributions of the owner and its neighbours
     /// to the others.
     pub(super) fn collect_contributions(
