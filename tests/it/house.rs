@@ -23,7 +23,7 @@ const CRATES: [&str; 7] = [
 /// gives the reason there.
 const LINE_BUDGETS: [(&str, usize); 14] = [
     ("geometry", 13450),
-    ("cells", 18300),
+    ("cells", 18315),
     ("tilings", 33770),
     ("effective", 8950),
     ("crystal", 8250),

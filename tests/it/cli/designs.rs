@@ -207,9 +207,10 @@ fn an_interrupted_search_keeps_its_best_cell_and_continues() {
     let id = child.id().to_string();
     let sent = Command::new("kill").args(["-INT", &id]).status().unwrap();
     assert!(sent.success());
+    // The rest of the search takes minutes on any machine.
     let start = Instant::now();
     let code = child.wait().unwrap().code();
-    assert!(start.elapsed() < Duration::from_secs(20));
+    assert!(start.elapsed() < Duration::from_secs(60));
     assert_eq!(code, Some(75));
     let cell = std::fs::read_to_string(place.0.path().join("a.cell")).unwrap();
     assert!(cell.contains("\"complete\":false"), "{cell}");

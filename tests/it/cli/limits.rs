@@ -268,6 +268,33 @@ fn a_filter_measures_the_same_for_each_kind_of_output() {
     assert_eq!([volume, area], measured("f.stl", &[]));
 }
 
+/// Waits until a process has worked and then used no processor time for half a second, however busy the machine is.
+fn wait_until_idle(id: u32) {
+    // Fields 14 and 15 of `stat`, user and system time in ticks; the name before them may hold spaces.
+    let ticks = || -> Vec<u64> {
+        let stat = fs::read_to_string(format!("/proc/{id}/stat")).unwrap();
+        let rest = stat.rsplit(')').next().unwrap();
+        let fields = rest.split_whitespace().skip(11).take(2);
+        fields.map(|f| f.parse().unwrap()).collect()
+    };
+    // A thread that is ready to run and has to wait for a processor is not idle.
+    let is_asleep = || {
+        let threads = fs::read_dir(format!("/proc/{id}/task")).unwrap().flatten();
+        let mut stats = threads.filter_map(|t| fs::read_to_string(t.path().join("stat")).ok());
+        stats.all(|s| s.rsplit(')').next().unwrap().trim().starts_with('S'))
+    };
+    let end = Instant::now() + Duration::from_secs(60);
+    let (mut before, mut quiet) = (vec![0, 0], 0);
+    while quiet < 5 {
+        assert!(Instant::now() < end, "process {id} is never idle");
+        std::thread::sleep(Duration::from_millis(100));
+        let now = ticks();
+        let is_quiet = now == before && now != [0, 0] && is_asleep();
+        quiet = if is_quiet { quiet + 1 } else { 0 };
+        before = now;
+    }
+}
+
 #[test]
 fn one_signal_ends_a_run_that_waits_for_a_reader() {
     let place = lattice();
@@ -283,7 +310,7 @@ fn one_signal_ends_a_run_that_waits_for_a_reader() {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        std::thread::sleep(Duration::from_millis(500));
+        wait_until_idle(child.id());
         assert!(child.try_wait().unwrap().is_none());
         let kill = Command::new("kill")
             .args([format!("-{signal}"), child.id().to_string()])
