@@ -214,23 +214,32 @@ fn folded_tets_of_cad_are_unfolded_and_thin_ones_warned_of_or_refused() {
     }
 }
 
-/// Tets below a mean ratio of .1, or none, are tried once more with more edges around a circle; the better ones count.
+/// Tets below a mean ratio of .1 are made again, at most three times, with smaller cells around them; the best ones
+/// count. Where gmsh fails, it makes them with more edges around a circle.
 #[test]
-fn thin_tets_of_cad_are_tried_once_more() {
-    // Heights of the tets that gmsh writes; one that fails has none. The tries, and the height of the tet that is kept.
+fn thin_tets_of_cad_are_made_again_with_smaller_cells_around_them() {
+    // Heights of the tets that gmsh writes, by the edges around a circle and the number of smaller cells; where there is
+    // none it fails. The tries, and the height of the tet that is kept.
     for (heights, tries, kept) in [
-        ([Some(1.0), Some(0.5)], 1, 1.0),
-        ([Some(0.01), Some(0.5)], 2, 0.5),
-        ([Some(0.01), Some(0.005)], 2, 0.01),
-        ([Some(0.01), None], 2, 0.01),
-        ([None, Some(0.5)], 2, 0.5),
+        (&[("10_0", 1.0)][..], "10", 1.0),
+        (&[("10_0", 0.01), ("10_1", 0.5)], "10 10", 0.5),
+        (&[("10_0", 0.01)], "10 10", 0.01),
+        (
+            &[
+                ("10_0", 0.01),
+                ("10_1", 0.006),
+                ("10_2", 0.005),
+                ("10_3", 0.012),
+            ],
+            "10 10 10 10",
+            0.012,
+        ),
+        (&[("12_0", 0.01), ("12_1", 0.5)], "10 12 12", 0.5),
     ] {
         let place = Place::new();
         place.write("part.step", "ISO-10303-21;");
-        for (name, height) in ["10.msh", "12.msh"].into_iter().zip(heights) {
-            if let Some(height) = height {
-                place.write(name, one_tet(height, 0.0));
-            }
+        for &(name, height) in heights {
+            place.write(&format!("{name}.msh"), one_tet(height, 0.0));
         }
         let script = gmsh_of(Path::new("\"${last##*/}\""), kept / 6.0);
         let script = script.replace("*) ", "*) echo $* >> log.txt; ");
@@ -240,6 +249,31 @@ fn thin_tets_of_cad_are_tried_once_more() {
         assert!(written == one_tet(kept, 0.0), "{heights:?}");
         let log = std::fs::read_to_string(place.0.path().join("log.txt")).unwrap();
         let edges = log.split("Curvature ").skip(1).map(|l| &l[..2]);
-        assert_eq!(edges.collect::<Vec<_>>(), ["10", "12"][..tries]);
+        assert_eq!(edges.collect::<Vec<_>>().join(" "), tries);
+        // The first smaller cell lies at the centre of the tet of height .01. It has twice the tet's least edge, and
+        // cells grow by a half per length to those of 4.
+        let read = std::fs::read_to_string(place.0.path().join("read.txt")).unwrap();
+        let set = |name: &str| -> Option<f64> {
+            let rest = read.split(&format!("Field[1].{name} = ")).nth(1)?;
+            Some(rest.split(';').next().unwrap().parse().unwrap())
+        };
+        if tries == "10" {
+            assert!(!read.contains("Field"), "{read}");
+        } else {
+            let expected = [
+                ("XCenter", 0.25),
+                ("YCenter", 0.25),
+                ("ZCenter", 0.0025),
+                ("VIn", 0.02),
+                ("Radius", 0.02),
+                ("Thickness", 7.96),
+                ("VOut", 4.0),
+            ];
+            for (name, value) in expected {
+                let found = set(name).unwrap();
+                assert!((found - value).abs() < 1e-9, "{name}: {found}");
+            }
+            assert!(read.contains("Background Field = "), "{read}");
+        }
     }
 }

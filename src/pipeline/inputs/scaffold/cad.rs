@@ -3,13 +3,14 @@
 //! Druse runs gmsh as a child and keeps the mesh under the hash of the part and the options, so that the next run
 //! reads it at once: in `$XDG_CACHE_HOME/druse`, else `~/.cache/druse`, else the folder for temporary files.
 
-use super::filling::{POOR, worst_quality};
+use super::filling::{POOR, poor_elements, worst_quality};
 use super::with_nodes;
 use crate::frame::Vec3;
 use crate::io::ReadError;
 use crate::io::atomic::write_bytes;
 use crate::pipeline::base::error::RunError;
 use crate::progress::{Cancelled, Progress};
+use crate::scaffold::Scaffold;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -23,7 +24,8 @@ pub(crate) struct CadOptions {
     pub cell: f64,
     /// 1 or 2.
     pub order: u32,
-    /// Whether its tets are a scaffold: parts without solids are refused then, and thin tets are tried once more.
+    /// Whether its tets are a scaffold: parts without solids are refused then, and smaller cells are tried around thin
+    /// tets.
     pub is_scaffold: bool,
 }
 
@@ -34,8 +36,16 @@ pub(crate) struct CadMesh {
     pub volume: f64,
 }
 
-/// Edges around a full circle, at first and where the tets are thin then or gmsh fails.
+/// Edges around a full circle, at first and where gmsh fails then.
 const CIRCLE: [u32; 2] = [10, 12];
+/// How often smaller cells are tried around thin tets: each time a whole mesh.
+const REFINEMENTS: usize = 3;
+/// Most places of smaller cells: a part with more thin tets is damaged, and gmsh measures each edge against each.
+const MAX_PLACES: usize = 200;
+/// Least and greatest cells there, as shares of the cell.
+const SIZES: [f64; 2] = [1e-3, 0.5];
+/// Growth of cells beside such a place, per length.
+const GROWTH: f64 = 0.5;
 /// Most lines of gmsh that an error repeats.
 const MAX_LINES: usize = 3;
 /// How often the end of gmsh and a cancellation are looked for.
@@ -85,19 +95,70 @@ pub(crate) fn cad_mesh(
                 .into(),
         ));
     }
-    let mut made = gmsh.tets(&script, options, CIRCLE[0]);
-    let quality = made.as_ref().map_or(-1.0, |m| m.0);
-    if quality <= POOR && options.is_scaffold {
-        let other = gmsh.tets(&script, options, CIRCLE[1]);
-        let is_better = other.as_ref().is_ok_and(|o| o.0 > quality);
-        if is_better || progress.cancelled() {
-            made = other;
+    let mut circle = CIRCLE[0];
+    let mut best = gmsh.tets(&script, options, circle, &[]);
+    if best.is_err() && options.is_scaffold && !progress.cancelled() {
+        circle = CIRCLE[1];
+        best = gmsh.tets(&script, options, circle, &[]);
+    }
+    let mut best = best?;
+    // Short edges of the part lie beside long ones of tets, and gmsh leaves slivers in thin plates: smaller cells around
+    // the thin tets mend most of both.
+    let mut places = best.places.clone();
+    for _ in 0..REFINEMENTS {
+        let is_worth_it = !places.is_empty() && places.len() <= MAX_PLACES;
+        if best.quality > POOR || !is_worth_it || !options.is_scaffold {
+            break;
+        }
+        let trial = gmsh.tets(&script, options, circle, &places);
+        if progress.cancelled() {
+            return Err(Cancelled.into());
+        }
+        let Ok(trial) = trial else { break };
+        places.extend(&trial.places);
+        if trial.quality > best.quality {
+            best = trial;
         }
     }
-    let (_, bytes) = made?;
     write_bytes(&kept, volume.to_string().as_bytes())?;
-    write_bytes(&path, &bytes)?;
+    write_bytes(&path, &best.bytes)?;
     Ok(CadMesh { path, volume })
+}
+
+/// Tets of a part.
+struct Tets {
+    /// Their worst quality.
+    quality: f64,
+    bytes: Vec<u8>,
+    /// Places at which they are thin, with the sizes of cells that may help.
+    places: Vec<(Vec3, f64)>,
+}
+
+/// Where the tets of a scaffold are thin, the worst first, with the sizes of cells that may help: twice the tet's least
+/// edge, and at most half its longest one.
+fn thin_places(scaffold: &Scaffold, cell: f64) -> Vec<(Vec3, f64)> {
+    let mut thin = poor_elements(scaffold, POOR);
+    thin.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let mut places: Vec<(Vec3, f64)> = Vec::new();
+    for (element, _) in thin {
+        let corners = &scaffold.connectivity().nodes(element)[..4];
+        let corners = [0, 1, 2, 3].map(|k| scaffold.nodes()[corners[k] as usize]);
+        let pairs = (0..4).flat_map(|i| (0..i).map(move |j| (i, j)));
+        let lengths: Vec<f64> = pairs
+            .map(|(i, j)| (corners[i] - corners[j]).norm())
+            .collect();
+        let least = lengths.iter().copied().fold(f64::INFINITY, f64::min);
+        let longest = lengths.iter().copied().fold(0.0, f64::max);
+        let size = (2.0 * least).min(longest / 2.0);
+        let size = size.clamp(SIZES[0] * cell, SIZES[1] * cell);
+        let place = corners.iter().sum::<Vec3>() / 4.0;
+        // Two tets of one sliver are one place.
+        let is_near = |p: &(Vec3, f64)| (p.0 - place).norm() < p.1 && p.1 <= 1.01 * size;
+        if !places.iter().any(is_near) {
+            places.push((place, size));
+        }
+    }
+    places
 }
 
 /// The program gmsh, with a folder for its files.
@@ -173,7 +234,7 @@ impl Gmsh<'_> {
     }
 
     /// A script that reads the part, of these bytes, and makes groups of its named solids; and the volume of its solids.
-    fn script(&self, part: &Path, bytes: &[u8]) -> Result<(PathBuf, f64), RunError> {
+    fn script(&self, part: &Path, bytes: &[u8]) -> Result<(String, f64), RunError> {
         let io = |e: std::io::Error| self.io(&e);
         // A copy, because a script cannot hold every path.
         let extension = part.extension().unwrap_or_default().to_string_lossy();
@@ -202,26 +263,30 @@ impl Gmsh<'_> {
                 solids.join(", ")
             );
         }
-        std::fs::write(&file, text).map_err(io)?;
         // Without solids there is no file.
         let volumes = self.folder.join("volumes.txt");
         let volumes = std::fs::read_to_string(volumes).unwrap_or_default();
         let volumes = volumes.split_whitespace().map(|v| v.parse().unwrap_or(0.0));
-        Ok((file, volumes.map(f64::abs).sum()))
+        Ok((text, volumes.map(f64::abs).sum()))
     }
 
-    /// The tets of a script with so many edges around a full circle, unfolded: their worst quality, and the file.
+    /// The tets of a script, unfolded, with so many edges around a full circle and smaller cells at some places.
     fn tets(
         &self,
-        script: &Path,
+        script: &str,
         options: CadOptions,
         circle: u32,
-    ) -> Result<(f64, Vec<u8>), RunError> {
-        let made = self.folder.join(format!("{circle}.msh"));
+        places: &[(Vec3, f64)],
+    ) -> Result<Tets, RunError> {
+        let made = format!("{circle}_{}.msh", places.len());
+        let made = self.folder.join(made);
+        let file = self.folder.join("part.geo");
+        let text = format!("{script}{}", sizes(places, options.cell));
+        std::fs::write(&file, text).map_err(|e| self.io(&e))?;
         // Tets, also of no group. Curved tets are not mended by gmsh, which may take hours.
         let mut command = Command::new("gmsh");
         command
-            .arg(script)
+            .arg(&file)
             .args(["-3", "-format", "msh41", "-bin", "-v", "4", "-save_all"])
             .args(["-order", &options.order.to_string()])
             .args(["-clmax", &options.cell.to_string()])
@@ -235,7 +300,11 @@ impl Gmsh<'_> {
         let mut bytes = std::fs::read(&made).map_err(|e| self.io(&e))?;
         // A file without solids has none to unfold, and is refused where it is read.
         let Ok(read) = crate::io::read_scaffold(&made) else {
-            return Ok((f64::INFINITY, bytes));
+            return Ok(Tets {
+                quality: f64::INFINITY,
+                bytes,
+                places: Vec::new(),
+            });
         };
         let nodes = read.scaffold.unfolded();
         let both = read.scaffold.nodes().iter().zip(&nodes);
@@ -251,8 +320,40 @@ impl Gmsh<'_> {
             )));
         }
         let unfolded = with_nodes(&read.scaffold, nodes);
-        Ok((unfolded.map_or(-1.0, |s| worst_quality(&s)), bytes))
+        let (quality, places) = match unfolded {
+            Ok(s) => (worst_quality(&s), thin_places(&s, options.cell)),
+            Err(_) => (-1.0, Vec::new()),
+        };
+        Ok(Tets {
+            quality,
+            bytes,
+            places,
+        })
     }
+}
+
+/// A script's lines for cells of some sizes at places: so large within a ball of this radius, and then growing up to
+/// `cell`.
+fn sizes(places: &[(Vec3, f64)], cell: f64) -> String {
+    let mut text = String::new();
+    for (n, (at, size)) in (1..).zip(places) {
+        let layer = (cell - size) / GROWTH;
+        let _ = writeln!(
+            text,
+            "Field[{n}] = Ball;\nField[{n}].XCenter = {};\nField[{n}].YCenter = {};\nField[{n}].ZCenter = {};\n\
+             Field[{n}].Radius = {size};\nField[{n}].Thickness = {layer};\n\
+             Field[{n}].VIn = {size};\nField[{n}].VOut = {cell};",
+            at.x, at.y, at.z
+        );
+    }
+    if !places.is_empty() {
+        let (all, last) = (places.len(), places.len() + 1);
+        let _ = writeln!(
+            text,
+            "Field[{last}] = Min;\nField[{last}].FieldsList = {{1:{all}}};\nBackground Field = {last};"
+        );
+    }
+    text
 }
 
 /// The numbers of the solids of each name. A solid in an assembly has a path of names, the last one is its own;

@@ -144,6 +144,17 @@ pub(super) fn worst_quality(scaffold: &Scaffold) -> f64 {
     Tets::worse_than(scaffold, f64::INFINITY).quality
 }
 
+/// The elements whose quality is `limit` or less, with it; that of an element inside out counts as -1.
+pub(super) fn poor_elements(scaffold: &Scaffold, limit: f64) -> Vec<(usize, f64)> {
+    // The quality of an element that is wholly inside out is positive.
+    let quality = |e: ElementMap<'_>| match e.volume() {
+        v if v > 0.0 => e.quality(),
+        _ => -1.0,
+    };
+    let all = scaffold.elements().map(quality).enumerate();
+    all.filter(|e| e.1 <= limit).collect()
+}
+
 /// Tets of at most some quality, and the first of the worst ones.
 struct Tets {
     count: usize,
@@ -159,13 +170,7 @@ impl Tets {
             quality: f64::INFINITY,
             place: Vec3::zeros(),
         };
-        let all = scaffold.elements().enumerate();
-        // The quality of an element that is wholly inside out is positive.
-        let quality = |e: ElementMap<'_>| match e.volume() {
-            v if v > 0.0 => e.quality(),
-            _ => -1.0,
-        };
-        let bad = all.map(|(n, e)| (n, quality(e))).filter(|e| e.1 <= limit);
+        let bad = poor_elements(scaffold, limit).into_iter();
         bad.fold(none, |found, (n, quality)| {
             let place = || {
                 let corners = &scaffold.connectivity().nodes(n)[..4];
