@@ -31,8 +31,10 @@ const SAME_SIDE_COSINE: f64 = 0.3;
 /// Distance of places on a face that may become nodes, as a share of h.
 const CANDIDATE_STEP: f64 = 0.2;
 
-/// Triangles of more steps along their longest side than this that are narrower than one are needles.
+/// Triangles of more steps along their longest side than this are needles where they are narrower than one.
 const MIN_NEEDLE_COUNT: usize = 40;
+/// Triangles of so many steps are narrow where their height is less than this share of their longest side.
+const NARROW: f64 = 0.25;
 
 /// What a node lies on, and so where it may move to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -436,7 +438,8 @@ impl Nodes {
 }
 
 /// Places on a triangle about a step apart: centroids of small triangles, so that none lies on a side. On a long needle
-/// those along its middle, so that their number is that of its area, not that of its length squared.
+/// those along its middle, on a narrow triangle those of rows along its longest side, but none in tips narrower than a
+/// step: so their number is that of its area, not that of its length squared.
 fn candidates_on([a, b, c]: [Vec3; 3], step: f64) -> impl Iterator<Item = Vec3> {
     let (u, v) = (b - a, c - a);
     let sides = [(u.norm(), a, b), ((c - b).norm(), b, c), (v.norm(), c, a)];
@@ -447,6 +450,8 @@ fn candidates_on([a, b, c]: [Vec3; 3], step: f64) -> impl Iterator<Item = Vec3> 
     let count = (longest / step).ceil().clamp(1.0, 4096.0) as usize;
     let height = u.cross(&v).norm() / longest;
     let is_needle = height < step && count > MIN_NEEDLE_COUNT;
+    let is_narrow = height < NARROW * longest && count > MIN_NEEDLE_COUNT;
+    let apex = a + b + c - from - to;
     let middle = (a + b + c) / 3.0;
     let along = move |k: usize| {
         // From one end of the longest side to the centre, and on to the other end.
@@ -457,9 +462,29 @@ fn candidates_on([a, b, c]: [Vec3; 3], step: f64) -> impl Iterator<Item = Vec3> 
         let [s, t] = [i, j].map(|k| (k as f64 + 1.0 / 3.0) / count as f64);
         a + u * s + v * t
     };
-    let rows = if is_needle { 1 } else { count };
+    let rows = match (is_needle, is_narrow) {
+        (true, _) => 1,
+        (_, true) => (height / step).ceil() as usize,
+        _ => count,
+    };
     (0..rows).flat_map(move |i| {
-        (0..count - i).map(move |j| if is_needle { along(j) } else { within(i, j) })
+        // The height of a row, as a share of the apex's; rows are shorter there.
+        let t = (i as f64 + 1.0 / 3.0) / rows as f64;
+        let in_row = if is_narrow && !is_needle {
+            (count as f64 * (1.0 - t)).ceil() as usize
+        } else {
+            count - i
+        };
+        (0..in_row).map(move |j| {
+            if is_needle {
+                return along(j);
+            }
+            if is_narrow {
+                let s = (j as f64 + 0.5) / in_row as f64;
+                return from + (to - from) * (s * (1.0 - t)) + (apex - from) * t;
+            }
+            within(i, j)
+        })
     })
 }
 
@@ -547,6 +572,22 @@ mod tests {
         assert!(places.iter().all(|p| p.y > 0.0 && p.y < 0.0005 * p.x));
         let gaps = places.windows(2).map(|w| (w[1] - w[0]).norm());
         assert!(gaps.fold(0.0, f64::max) < 0.15);
+        // Half a million places before; ten in each square of side sqrt(0.1) now, as on other triangles.
+        let narrow = [[0.0, 0.0], [100.0, 0.0], [100.0, 1.0]].map(|[x, y]| Vec3::new(x, y, 0.0));
+        let places: Vec<Vec3> = candidates_on(narrow, 0.1).collect();
+        assert!((5000..6000).contains(&places.len()), "{}", places.len());
+        assert!(
+            places
+                .iter()
+                .all(|p| p.y > 0.0 && p.y < 0.01 * p.x && p.x < 100.0)
+        );
+        // The tip is narrower than a step: triangles beside it have places there.
+        for k in 20..200 {
+            let x = 0.5 * f64::from(k) + 0.25;
+            let p = Vec3::new(x, 0.01 * x * f64::from(k * 37 % 200) / 200.0, 0.0);
+            let near = places.iter().map(|q| (p - q).norm());
+            assert!(near.fold(f64::INFINITY, f64::min) < 0.12, "{p}");
+        }
         let mut bins = Bins::new(1.0);
         for n in 0..10_000 {
             bins.add(Vec3::new(f64::from(n) / 1e4, 0.5, 0.5), n);
