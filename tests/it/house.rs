@@ -38,11 +38,12 @@ const LINE_BUDGETS: [(&str, usize); 14] = [
     ("", 1100),
 ];
 
-/// Modules and what each may use; the first five use nothing.
+/// Modules and what each may use; the first six use nothing.
 const MAY_USE: &[(&str, &[&str])] = &[
     ("frame", &[]),
     ("progress", &[]),
     ("union_find", &[]),
+    ("fourier", &[]),
     ("simd", &[]),
     ("sequence", &[]),
     ("field", &["frame", "simd"]),
@@ -60,6 +61,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "frame",
             "progress",
             "union_find",
+            "fourier",
             "simd",
         ],
     ),
@@ -86,7 +88,9 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("beams", &["field", "frame", "simd", "mesh", "scaffold"]),
     (
         "homogenize",
-        &["beams", "cell", "field", "frame", "simd", "progress"],
+        &[
+            "beams", "cell", "field", "fourier", "frame", "simd", "progress",
+        ],
     ),
     (
         "inverse",
