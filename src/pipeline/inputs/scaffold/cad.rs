@@ -102,8 +102,8 @@ pub(crate) fn cad_mesh(
         best = gmsh.tets(&script, options, circle, &[]);
     }
     let mut best = best?;
-    // Short edges of the part lie beside long ones of tets, and gmsh leaves slivers in thin plates: smaller cells around
-    // the thin tets mend most of both.
+    // Short edges of the part lie beside long ones of tets, and gmsh leaves slivers in thin plates: smaller cells
+    // around the thin tets mend most of both.
     let mut places = best.places.clone();
     for _ in 0..REFINEMENTS {
         let is_worth_it = !places.is_empty() && places.len() <= MAX_PLACES;
