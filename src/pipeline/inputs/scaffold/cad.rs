@@ -71,7 +71,8 @@ pub(crate) fn cad_mesh(
     let bytes = std::fs::read(part).map_err(|e| ReadError::io(part, e))?;
     let mut hash = blake3::Hasher::new();
     hash.update(&bytes);
-    hash.update(format!("volume {options:?}").as_bytes());
+    // This word changes with the way in which tets are made, so that none made in another way are taken.
+    hash.update(format!("smaller cells {options:?}").as_bytes());
     let path = folder.join(format!("{}.msh", hash.finalize().to_hex()));
     let kept = path.with_extension("volume");
     // The volume is written first: without a number in it the mesh is made anew.
