@@ -19,7 +19,8 @@ const MIN_TURN_COSINE: f64 = 0.25;
 /// Least cosine between the normals of neighbours that a collapse makes (143 degrees), unless neighbours there are
 /// folded more.
 const MIN_FOLD_COSINE: f64 = -0.8;
-/// Least ratio of a triangle's height to its longest edge: the normal of a thinner one is unreliable.
+/// Least ratio of a triangle's height to its longest edge: the normal of a thinner one is unreliable. Triangles that were
+/// thinner may stay so.
 const MIN_HEIGHT_RATIO: f64 = 1e-3;
 /// Share of the squared length of an edge in its cost: in flat regions short edges collapse first.
 const LENGTH_SHARE: f64 = 1e-6;
@@ -319,14 +320,19 @@ impl<'a> Surface<'a> {
         new.iter().all(|t| self.keeps_shape(*t, from)) && self.keeps_folds(&new, from, around)
     }
 
-    /// Whether a triangle, whose first corner comes from another vertex, keeps its orientation and has an area.
+    /// Whether a triangle, whose first corner comes from another vertex, keeps its orientation and has an area: it is not
+    /// thin, or at least half as wide for its length as it was.
     fn keeps_shape(&self, [to, u, v]: [u32; 3], from: u32) -> bool {
         let [before, after] = [from, to].map(|w| self.area_vector([w, u, v]));
+        // Twice the area is height times edge.
+        let height_ratio = |w: u32, size: f64| {
+            let edges = [[w, u], [u, v], [v, w]];
+            let squares = edges.map(|[a, b]| self.offset(a, b).norm_squared());
+            size / squares.into_iter().fold(0.0, f64::max)
+        };
         let size = after.norm();
-        let edges = [[to, u], [u, v], [v, to]];
-        let longest = edges.map(|[a, b]| self.offset(a, b).norm_squared());
-        // Twice the area is height times edge; the edges here are squared.
-        size > MIN_HEIGHT_RATIO * longest.into_iter().fold(0.0, f64::max)
+        let least = MIN_HEIGHT_RATIO.min(height_ratio(from, before.norm()) / 2.0);
+        height_ratio(to, size) > least
             && before.dot(&after) >= MIN_TURN_COSINE * size * before.norm()
     }
 

@@ -9,7 +9,7 @@ use super::{Connectivity, Kind, Scaffold, ScaffoldError};
 use creases::Creases;
 use delaunay::Delaunay;
 use druse_geometry::frame::Vec3;
-use druse_geometry::mesh::MeshSolid;
+use druse_geometry::mesh::{CollapseGoal, MeshSolid, TriMesh, collapsed};
 use druse_geometry::progress::{Cancelled, Progress};
 use improve::{SLIVER_QUALITY, TetMesh, quality};
 use nodes::{Bins, Nodes, Part, Site};
@@ -34,6 +34,8 @@ const MIN_PART_LENGTH: f64 = 1.0 / 32.0;
 const FLAT_QUALITY: f64 = 0.02;
 /// How often cells are halved where tets are slivers or the volume is missing: each time a whole filling.
 const REFINEMENTS: usize = 3;
+/// Distance by which the surface may be smoothed where tets are slivers, cells.
+const MIN_DETAIL: f64 = 1e-3;
 /// Share of the volume that may be missing.
 const MAX_VOLUME_ERROR: f64 = 0.004;
 /// Most nodes of a filling.
@@ -86,24 +88,38 @@ impl Scaffold {
                 what: "nodes",
             });
         }
-        let creases = Creases::of(solid);
-        let fill = |finer: &[(Vec3, f64)]| Trial::new(solid, &creases, options, finer, progress);
-        let mut best = fill(&[])?;
-        // Where tets are slivers or the volume is missing, cells are halved; the first of equally good trials counts.
-        let mut finer = best.faults.clone();
-        for _ in 0..REFINEMENTS {
-            if best.badness == 0.0 || finer.is_empty() {
-                break;
-            }
-            let trial = fill(&finer)?;
-            finer.extend(&trial.faults);
-            // A better mesh in more pieces is none.
-            if trial.badness < best.badness && trial.components <= best.components {
+        let mut best = Trial::refined(solid, options, progress)?;
+        // Facets far narrower than a cell need tets of their width, which are slivers: the surface without them does not.
+        // Where the volume is missing, it is the cells that are too large.
+        if best.badness > 0.0
+            && best.is_whole
+            && let Some(smooth) = without_details(solid, MIN_DETAIL * cell)
+        {
+            let trial = Trial::refined(&smooth, options, progress)?;
+            if trial.is_whole && trial.is_better_than(&best) {
                 best = trial;
             }
         }
         Ok(best.filled)
     }
+}
+
+/// A closed solid with edges collapsed where that moves the surface by about `error` at most; `None` where there are none
+/// or the volume changes.
+fn without_details(solid: &MeshSolid, error: f64) -> Option<MeshSolid> {
+    let volume = solid.volume()?;
+    let mesh = solid.mesh().merged();
+    let goal = CollapseGoal {
+        triangles: 0,
+        error: Some(error),
+    };
+    let triangles = collapsed(mesh.vertices(), mesh.triangles(), goal);
+    if triangles.len() == mesh.triangles().len() {
+        return None;
+    }
+    let smooth = TriMesh::new(mesh.vertices().to_vec(), triangles).ok()?;
+    let is_whole = (smooth.volume() / volume - 1.0).abs() < MAX_VOLUME_ERROR / 4.0;
+    is_whole.then(|| MeshSolid::new(smooth))
 }
 
 /// A filling with its faults.
@@ -113,10 +129,41 @@ struct Trial {
     faults: Vec<(Vec3, f64)>,
     /// The number of slivers; ten thousandths of the volume beyond [`MAX_VOLUME_ERROR`] count as one.
     badness: f64,
+    /// Whether no volume beyond [`MAX_VOLUME_ERROR`] is missing.
+    is_whole: bool,
     components: usize,
 }
 
 impl Trial {
+    /// Whether it has fewer faults. A better mesh in more pieces is none.
+    fn is_better_than(&self, other: &Self) -> bool {
+        self.badness < other.badness && self.components <= other.components
+    }
+
+    /// The best of some fillings: where tets are slivers or the volume is missing, cells are halved. The first of equally
+    /// good ones counts.
+    fn refined(
+        solid: &MeshSolid,
+        options: FillOptions,
+        progress: &dyn Progress,
+    ) -> Result<Self, ScaffoldError> {
+        let creases = Creases::of(solid);
+        let fill = |finer: &[(Vec3, f64)]| Trial::new(solid, &creases, options, finer, progress);
+        let mut best = fill(&[])?;
+        let mut finer = best.faults.clone();
+        for _ in 0..REFINEMENTS {
+            if best.badness == 0.0 || finer.is_empty() {
+                break;
+            }
+            let trial = fill(&finer)?;
+            finer.extend(&trial.faults);
+            if trial.is_better_than(&best) {
+                best = trial;
+            }
+        }
+        Ok(best)
+    }
+
     /// Fills a solid with cells of given sizes around some places: creases, then nodes, then tets and added nodes, then
     /// better tets, then curved edges.
     fn new(
@@ -156,17 +203,19 @@ impl Trial {
         let places = tets.iter().map(|t| t.map(|n| nodes[n as usize].place));
         let slivers = places.filter(|&t| quality(t) < SLIVER_QUALITY);
         let mut faults: Vec<Vec3> = slivers.map(|t| t.iter().sum::<Vec3>() / 4.0).collect();
-        let mut badness = faults.len() as f64;
+        let (mut badness, mut is_whole) = (faults.len() as f64, true);
         if let Some(volume) = solid.volume() {
             let own: f64 = curved.scaffold.elements().map(|e| e.volume()).sum();
             let excess = (own / volume - 1.0).abs() - MAX_VOLUME_ERROR;
             if excess > 0.0 {
+                is_whole = false;
                 badness += 1e4 * excess;
                 faults.extend(curved.straight.iter().chain(&lost));
             }
         }
         Ok(Self {
             components: curved.scaffold.components().len(),
+            is_whole,
             filled: Filled {
                 scaffold: curved.scaffold,
                 straight: curved.straight,
@@ -413,7 +462,7 @@ mod tests {
     fn filled(mesh: &TriMesh, cell: f64, order: Option<u32>) -> Scaffold {
         let options = FillOptions { cell, order };
         let filled = Scaffold::filled(&MeshSolid::new(mesh.clone()), options, &Silent).unwrap();
-        assert!(filled.lost.is_empty() && filled.straight.is_empty());
+        assert_eq!((&*filled.lost, &*filled.straight), (&[][..], &[][..]));
         let report = filled.scaffold.validate().unwrap();
         assert!(report.warnings().is_empty() && report.components == 1);
         assert!(report.mirrored.is_empty() && report.worst_quality.0 > 0.1);
@@ -422,6 +471,40 @@ mod tests {
 
     fn volume(s: &Scaffold) -> f64 {
         s.elements().map(|e| e.volume()).sum()
+    }
+
+    /// The least mean ratio of the straight tets, in another form than the program's.
+    fn least_straight_ratio(s: &Scaffold) -> f64 {
+        let ratio = |e: usize| {
+            let t = &s.connectivity().nodes(e)[..4];
+            let [a, b, c, d] = [0, 1, 2, 3].map(|i| s.nodes()[t[i] as usize]);
+            let volume = (b - a).cross(&(c - a)).dot(&(d - a)) / 6.0;
+            let sides = [b - a, c - b, a - c, d - a, d - b, d - c];
+            let mean = sides.iter().map(Vec3::norm_squared).sum::<f64>() / 6.0;
+            // 6 sqrt 2 V is the cubed edge of a regular tet.
+            (72.0 * volume * volume).cbrt().copysign(volume) / mean
+        };
+        (0..s.len()).map(ratio).fold(1.0, f64::min)
+    }
+
+    /// A chamfer of a thousandth of a cell around the top of a block would need tets of its width.
+    #[test]
+    fn details_far_below_a_cell_make_no_slivers() {
+        let w = 0.002;
+        let ring = |inset: f64, z: f64| {
+            let (low, high) = (inset, 10.0 - inset);
+            [[low, low], [high, low], [high, high], [low, high]].map(|[x, y]| Vec3::new(x, y, z))
+        };
+        let corners = [ring(0.0, 0.0), ring(0.0, 4.0 - w), ring(w, 4.0)].concat();
+        let mut triangles = vec![[0, 2, 1], [0, 3, 2], [8, 9, 10], [8, 10, 11]];
+        for (from, i) in [0, 4].into_iter().flat_map(|f| (0..4).map(move |i| (f, i))) {
+            let (a, b) = (from + i, from + (i + 1) % 4);
+            triangles.extend([[a, b, b + 4], [a, b + 4, a + 4]]);
+        }
+        let block = TriMesh::new(corners, triangles).unwrap();
+        let s = filled(&block, 2.0, Some(2));
+        let (least, share) = (least_straight_ratio(&s), volume(&s) / block.volume());
+        assert!(least > 0.3 && (share - 1.0).abs() < 1e-3, "{least} {share}");
     }
 
     /// Plates far thinner than a cell too.
@@ -442,8 +525,8 @@ mod tests {
         }
     }
 
-    /// A rod of 104 facets, each as long as it and a sixth of a cell wide: slivers lay along them. The ruler is the
-    /// mean ratio in another form, and the volume of the polygon.
+    /// A rod of 104 facets, each as long as it and a sixth of a cell wide: slivers lay along them. Its volume is that of
+    /// the polygon.
     #[test]
     fn narrow_facets_make_no_slivers() {
         let (sides, height) = (104, 8.0);
@@ -466,16 +549,7 @@ mod tests {
         let s = Scaffold::filled(&MeshSolid::new(rod), options, &Silent)
             .unwrap()
             .scaffold;
-        let ratio = |e: usize| {
-            let t = &s.connectivity().nodes(e)[..4];
-            let [a, b, c, d] = [0, 1, 2, 3].map(|i| s.nodes()[t[i] as usize]);
-            let volume = (b - a).cross(&(c - a)).dot(&(d - a)) / 6.0;
-            let sides = [b - a, c - b, a - c, d - a, d - b, d - c];
-            let mean = sides.iter().map(Vec3::norm_squared).sum::<f64>() / 6.0;
-            // 6 sqrt 2 V is the cubed edge of a regular tet.
-            (72.0 * volume * volume).cbrt().copysign(volume) / mean
-        };
-        let least = (0..s.len()).map(ratio).fold(1.0, f64::min);
+        let least = least_straight_ratio(&s);
         let area = f64::from(sides) * (std::f64::consts::TAU / f64::from(sides)).sin() / 2.0;
         let share = volume(&s) / (area * height);
         assert!(

@@ -1,11 +1,11 @@
 //! Curved tets: the middles of outer edges move onto the surface, those along creases onto the crease.
 //!
 //! A curved tet is quadratic: one middle per edge. A middle is moved only within a share of its edge's length, and goes
-//! back to the straight edge if a tet would fold. The result has the same corners as the straight body, but for inner
+//! back to the straight edge if a tet would fold or become a sliver. The result has the same corners as the straight body, but for inner
 //! nodes that make room. Curved tets of other meshers are unfolded likewise.
 
 use super::creases::Creases;
-use super::improve::quality;
+use super::improve::{SLIVER_QUALITY, quality};
 use super::nodes::{Node, Site};
 use super::{Connectivity, Kind, Scaffold, ScaffoldError, outer_faces};
 use druse_geometry::frame::Vec3;
@@ -27,7 +27,7 @@ const HALVINGS: u32 = 3;
 /// Corners of a tet's edges, in the order of their middles in VTK.
 const EDGES: [[usize; 2]; 6] = [[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]];
 
-/// A scaffold, and the middles that were put back so that no tet folds.
+/// A scaffold, and the middles that were put back so that no tet folds or becomes a sliver.
 pub(super) struct Curved {
     pub scaffold: Scaffold,
     pub straight: Vec<Vec3>,
@@ -108,7 +108,7 @@ pub(super) fn curved(
             straight: Vec::new(),
         });
     }
-    // Inner nodes make room first; then middles that still fold a tet go back.
+    // Inner nodes make room first; then middles that still fold a tet, or make a sliver of it, go back.
     relieve(solid, nodes, tets, &moved);
     let at = |n: u32| nodes[n as usize].place;
     all = nodes.iter().map(|n| n.place).collect();
@@ -117,7 +117,7 @@ pub(super) fn curved(
     loop {
         let bad: BTreeSet<[u32; 2]> = tets
             .par_iter()
-            .filter(|t| is_folded(t.map(at), &middles(**t, &at, &moved)))
+            .filter(|t| ControlNet::new(t.map(at), &middles(**t, &at, &moved)).is_better_straight())
             .flat_map_iter(|t| EDGES.map(|[i, j]| [t[i].min(t[j]), t[i].max(t[j])]))
             .filter(|e| moved.contains_key(e))
             .collect();
@@ -150,8 +150,8 @@ pub(super) fn curved(
 }
 
 impl Scaffold {
-    /// The nodes, with the middles of curved tets that fold so much nearer to their straight edges that none folds. Tets
-    /// whose corners have no volume stay as they are.
+    /// The nodes, with the middles of curved tets that fold, or are slivers by their bow, so much nearer to their straight
+    /// edges that none folds. Tets whose corners have no volume stay as they are.
     pub fn unfolded(&self) -> Vec<Vec3> {
         let elements = self.connectivity();
         let tets: Vec<&[u32]> = (0..self.len())
@@ -167,7 +167,8 @@ impl Scaffold {
                 .par_iter()
                 .filter(|t| {
                     let corners = [0, 1, 2, 3].map(|i| at(t[i]));
-                    is_folded(corners, &[4, 5, 6, 7, 8, 9].map(|i| at(t[i])))
+                    let middles = [4, 5, 6, 7, 8, 9].map(|i| at(t[i]));
+                    ControlNet::new(corners, &middles).is_better_straight()
                 })
                 .flat_map_iter(|t| t[4..].iter().zip(EDGES.map(|e| e.map(|i| at(t[i])))))
                 .map(|(&n, [a, b])| (n, (a + b) / 2.0))
@@ -201,7 +202,7 @@ fn relieve(
 ) {
     let folded = |tet: [u32; 4], nodes: &[Node]| {
         let at = |n: u32| nodes[n as usize].place;
-        is_folded(tet.map(at), &middles(tet, &at, moved))
+        ControlNet::new(tet.map(at), &middles(tet, &at, moved)).is_folded()
     };
     // Inner nodes of folded tets, with all tets around them.
     let bad = tets.par_iter().filter(|t| folded(**t, nodes));
@@ -246,45 +247,135 @@ fn middles(
     })
 }
 
-/// Whether the Jacobian of a curved tet may fall below a share of the straight one's, whose volume is positive.
-/// `middles` are the mid nodes in the order of `EDGES`. A sound tet may be found folded, but not the other way.
-fn is_folded(corners: [Vec3; 4], middles: &[Vec3; 6]) -> bool {
-    // With x = sum l_i^2 p_i + 2 sum l_i l_j c_ij in barycentric coordinates (control points c = 2 m - (p_i + p_j) / 2),
-    // the derivative towards corner k from corner 0 is linear: 2 sum l_i (c_ik - c_i0). The Jacobian, a cubic, lies
-    // within its Bernstein coefficients: means of determinants of three such derivatives.
-    let mut control = [[Vec3::zeros(); 4]; 4];
-    for i in 0..4 {
-        control[i][i] = corners[i];
+/// The Bézier points of a curved tet's map x = sum of l_i l_j c_ij, with barycentric coordinates l.
+struct ControlNet([[Vec3; 4]; 4]);
+
+impl ControlNet {
+    /// `middles` are the mid nodes in the order of `EDGES`. At the middle of an edge x = (p_i + p_j + 2 c_ij) / 4.
+    fn new(corners: [Vec3; 4], middles: &[Vec3; 6]) -> Self {
+        let mut control = [[Vec3::zeros(); 4]; 4];
+        for i in 0..4 {
+            control[i][i] = corners[i];
+        }
+        for ([i, j], m) in EDGES.into_iter().zip(middles) {
+            let c = m * 2.0 - (corners[i] + corners[j]) / 2.0;
+            control[i][j] = c;
+            control[j][i] = c;
+        }
+        Self(control)
     }
-    for ([i, j], m) in EDGES.into_iter().zip(middles) {
-        let c = m * 2.0 - (corners[i] + corners[j]) / 2.0;
-        control[i][j] = c;
-        control[j][i] = c;
+
+    /// Control vector i of the derivative from corner 0 to corner k, which is linear: 2 sum l_i (c_ik - c_i0).
+    fn step(&self, i: usize, k: usize) -> Vec3 {
+        (self.0[i][k] - self.0[i][0]) * 2.0
     }
-    let step = |i: usize, k: usize| (control[i][k] - control[i][0]) * 2.0;
-    let [a, b, c] = [1, 2, 3].map(|k| corners[k] - corners[0]);
-    let limit = MIN_JACOBIAN * a.cross(&b).dot(&c);
-    for i in 0..4 {
-        for j in i..4 {
-            for k in j..4 {
-                // The coefficient is the mean over the orders in which the three corners are given to the columns.
-                let orders = [
-                    [i, j, k],
-                    [i, k, j],
-                    [j, i, k],
-                    [j, k, i],
-                    [k, i, j],
-                    [k, j, i],
-                ];
-                let sum: f64 = orders
-                    .iter()
-                    .map(|o| step(o[0], 1).cross(&step(o[1], 2)).dot(&step(o[2], 3)))
-                    .sum();
-                if sum / 6.0 < limit {
-                    return true;
+
+    /// The tet's corners.
+    fn corners(&self) -> [Vec3; 4] {
+        [0, 1, 2, 3].map(|i| self.0[i][i])
+    }
+
+    /// Whether the Jacobian may fall below a share of the straight tet's, whose volume is positive. A sound tet may be
+    /// found folded, but not the other way.
+    fn is_folded(&self) -> bool {
+        // The Jacobian, a cubic, lies within its Bernstein coefficients: means of determinants of three derivatives.
+        let corners = self.corners();
+        let [a, b, c] = [1, 2, 3].map(|k| corners[k] - corners[0]);
+        let limit = MIN_JACOBIAN * a.cross(&b).dot(&c);
+        for i in 0..4 {
+            for j in i..4 {
+                for k in j..4 {
+                    // The coefficient is the mean over the orders in which the three corners are given to the columns.
+                    let orders = [
+                        [i, j, k],
+                        [i, k, j],
+                        [j, i, k],
+                        [j, k, i],
+                        [k, i, j],
+                        [k, j, i],
+                    ];
+                    let sum: f64 = orders
+                        .iter()
+                        .map(|o| {
+                            self.step(o[0], 1)
+                                .cross(&self.step(o[1], 2))
+                                .dot(&self.step(o[2], 3))
+                        })
+                        .sum();
+                    if sum / 6.0 < limit {
+                        return true;
+                    }
                 }
             }
         }
+        false
     }
-    false
+
+    /// The least mean ratio over corners, middles of edges and centre: that of the straight tet with these edges.
+    fn quality(&self) -> f64 {
+        let at = |l: [f64; 4]| {
+            let derivative = |k| (0..4).map(|i| self.step(i, k) * l[i]).sum::<Vec3>();
+            quality([Vec3::zeros(), derivative(1), derivative(2), derivative(3)])
+        };
+        // Corners are edges from a node to itself.
+        let nodes = EDGES.into_iter().chain([0, 1, 2, 3].map(|i| [i, i]));
+        let nodes = nodes.map(|[i, j]| {
+            let mut l = [0.0; 4];
+            l[i] += 0.5;
+            l[j] += 0.5;
+            at(l)
+        });
+        nodes.fold(at([0.25; 4]), f64::min)
+    }
+
+    /// Whether the tet is better with straight edges: it folds, or becomes a sliver by their bow.
+    fn is_better_straight(&self) -> bool {
+        let is_sliver = || {
+            let curved = self.quality();
+            curved < SLIVER_QUALITY && curved < quality(self.corners())
+        };
+        self.is_folded() || is_sliver()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The middle of one edge of a flat tet moves away: the mean ratio falls to that of a sliver before the tet folds.
+    #[test]
+    fn tets_that_become_slivers_by_their_bow_are_better_straight() {
+        let corners = [
+            Vec3::new(1.0, 1.0, 0.1),
+            Vec3::new(1.0, -1.0, -0.1),
+            Vec3::new(-1.0, -1.0, 0.1),
+            Vec3::new(-1.0, 1.0, -0.1),
+        ];
+        let net = |bow: f64| {
+            let mut middles = EDGES.map(|[i, j]| (corners[i] + corners[j]) / 2.0);
+            middles[0].x -= bow;
+            ControlNet::new(corners, &middles)
+        };
+        // At corner 0 the derivatives towards the others are their differences from it, and that along the bowed edge is
+        // 4 bow less in x. Their mean ratio is that of the tet with these sides.
+        let expected = |bow: f64| {
+            let [b, c, d] = [1, 2, 3].map(|k| corners[k] - corners[0]);
+            let b = b - Vec3::new(4.0 * bow, 0.0, 0.0);
+            let sides = [b, c, d, c - b, d - b, d - c];
+            let mean = sides.iter().map(Vec3::norm_squared).sum::<f64>() / 6.0;
+            let volume = b.cross(&c).dot(&d) / 6.0;
+            (72.0 * volume * volume).cbrt().copysign(volume) / mean
+        };
+        let found = [0.0, 0.3, 0.6, 0.85].map(|bow| {
+            let ratio = expected(bow);
+            assert!((net(bow).quality() - ratio).abs() < 1e-12, "{bow} {ratio}");
+            (
+                net(bow).is_folded(),
+                net(bow).is_better_straight(),
+                ratio < 0.1,
+            )
+        });
+        let sound = (false, false, false);
+        assert_eq!(found, [sound, sound, sound, (false, true, true)]);
+    }
 }
