@@ -36,6 +36,7 @@ mod slices;
 mod view;
 
 pub use base::deck_facts::{MacroDeckFacts, MacroLawFacts};
+pub(crate) use base::error::shell_word;
 pub use base::error::{CellFault, RunError};
 pub use base::histogram::Histogram;
 pub use base::layer_facts::{BuildReport, ProfileStep, StartReport};

@@ -195,7 +195,12 @@ fn as_half(v: f32) -> f32 {
     // Half a unit less 1, and 1 more for an odd digit, carry where the value is nearer to the next, or ties to even.
     let bits = v.to_bits();
     let odd = bits >> 13 & 1;
-    f32::from_bits(bits.wrapping_add(0xfff + odd) & !0x1fff)
+    let rounded = f32::from_bits(bits.wrapping_add(0xfff + odd) & !0x1fff);
+    // The largest half is 65504.
+    if rounded.abs() > 65504.0 {
+        return f32::INFINITY.copysign(v);
+    }
+    rounded
 }
 
 impl LevelSet {
@@ -208,5 +213,18 @@ impl LevelSet {
         hash.add(name, &self.grid)
             .map_err(|e| VdbError::plain("hashing", &e))?;
         Ok(hash.finish())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::as_half;
+
+    /// Between the largest half, 65504, and the next step, 65536, the middle rounds up to infinity.
+    #[test]
+    fn values_beyond_the_largest_half_are_infinite() {
+        assert_eq!(as_half(65_519.0), 65_504.0);
+        assert_eq!(as_half(65_520.0), f32::INFINITY);
+        assert_eq!(as_half(-1e6), f32::NEG_INFINITY);
     }
 }

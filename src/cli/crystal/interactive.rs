@@ -48,8 +48,12 @@ pub(super) fn run_session(
         let text = std::mem::take(&mut pending);
         match reply(text.trim(), interpreter, draw, intersections) {
             None => return Ok(()),
-            // With --json stdout is one object, which the caller writes.
-            Some(answer) if session.json() || answer.is_empty() => {}
+            // With --json stdout is one object, which the caller writes: errors go to stderr.
+            Some(answer) if session.json() || answer.is_empty() => {
+                for error in answer.lines().filter(|l| l.starts_with("error: ")) {
+                    session.note(error);
+                }
+            }
             Some(answer) => {
                 if writeln!(std::io::stdout(), "{}", terminal::lines(&answer)).is_err() {
                     return Ok(());
@@ -100,10 +104,14 @@ fn reply(
         ("show", _) => state(interpreter),
         ("steps", _) => interpreter.steps().join("\n"),
         ("draw", _) => match (second, interpreter.mesh()) {
-            (Some(path), Some(mesh)) => match draw(mesh, Path::new(path)) {
-                Ok(bytes) => format!("{path}  {}", crate::cli::numbers::size(bytes)),
-                Err(e) => format!("error: {}", e.one_line()),
-            },
+            (Some(_), Some(mesh)) => {
+                // The rest of the line, which may have blanks.
+                let path = text["draw".len()..].trim();
+                match draw(mesh, Path::new(path)) {
+                    Ok(bytes) => format!("{path}  {}", crate::cli::numbers::size(bytes)),
+                    Err(e) => format!("error: {}", e.one_line()),
+                }
+            }
             (None, _) => "error: draw needs a file, as in draw x.png".into(),
             (_, None) => "error: there is no mesh yet".into(),
         },

@@ -5,6 +5,7 @@
 use super::chart::{Limit, histogram};
 use super::printing;
 use crate::cli::html::{base64, escaped, hash, number, place, table, text};
+use crate::pipeline::shell_word;
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
@@ -345,7 +346,7 @@ impl Page<'_> {
 
     /// The commands that repeat the run, and the recipe. A recipe whose keys `--set` changed does not repeat it.
     fn again(&self) -> String {
-        let command = |path: &str| format!("druse run {}", escaped(&quoted(path)));
+        let command = |path: &str| format!("druse run {}", escaped(&shell_word(path)));
         let recipe = self.report["recipe"].as_str();
         let recipe = recipe.filter(|_| self.recipe.is_some()).map(command);
         let mut lines = Vec::from_iter(recipe);
@@ -411,15 +412,6 @@ impl Page<'_> {
         );
         out
     }
-}
-
-/// A path as one word of a shell.
-fn quoted(path: &str) -> String {
-    let is_plain = |c: char| c.is_alphanumeric() || "/._-".contains(c);
-    if path.chars().all(is_plain) {
-        return path.to_owned();
-    }
-    format!("'{}'", path.replace('\'', r"'\''"))
 }
 
 /// Both corners of a box; `None` where the report has none.

@@ -327,6 +327,15 @@ pub(crate) fn box_text(b: &Aabb) -> String {
     format!("{} to {}", corner(b.min), corner(b.max))
 }
 
+/// A path as one word of a shell.
+pub(crate) fn shell_word(path: &str) -> String {
+    let is_plain = |c: char| c.is_alphanumeric() || "/._-".contains(c);
+    if path.chars().all(is_plain) {
+        return path.to_owned();
+    }
+    format!("'{}'", path.replace('\'', r"'\''"))
+}
+
 /// A number with about five significant digits, at most 12 of them behind the point, without trailing zeros.
 pub(crate) fn short_number(v: f64) -> String {
     if v == 0.0 || !v.is_finite() {

@@ -12,7 +12,7 @@ use crate::band::{
 };
 use crate::frame::Coord;
 use crate::pipeline::base::context::StageContext;
-use crate::pipeline::base::error::RunError;
+use crate::pipeline::base::error::{RunError, shell_word};
 use crate::pipeline::base::report::SolidReport;
 use crate::pipeline::base::stage_timer::StageTimer;
 use crate::progress::{CancelOnly, Progress};
@@ -251,7 +251,8 @@ pub(super) fn missing_bricks(
         Some(plan) => {
             let runs = faults.iter().take(20).map(|(n, _)| format!("--brick {n}"));
             let runs: Vec<String> = runs.collect();
-            format!("druse run {} {}", plan.display(), runs.join(" "))
+            let plan = shell_word(&plan.display().to_string());
+            format!("druse run {plan} {}", runs.join(" "))
         }
         None => "repeat the same command".into(),
     };

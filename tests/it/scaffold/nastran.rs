@@ -381,8 +381,9 @@ fn included_files_stand_beside_the_deck() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::create_dir(dir.path().join("parts")).unwrap();
     let grids = TET10.lines().take(4).collect::<Vec<_>>().join("\n");
-    std::fs::write(dir.path().join("parts/übrig.bdf"), grids).unwrap();
-    std::fs::write(dir.path().join("parts/größe.dat"), "include übrig.bdf\n").unwrap();
+    std::fs::write(dir.path().join("parts/ü$brig.bdf"), grids).unwrap();
+    let inner = "include 'ü$brig.bdf' $ \"$ a comment\n";
+    std::fs::write(dir.path().join("parts/größe.dat"), inner).unwrap();
     let deck = "SOL 101\nCEND\nINCLUDE 'case.txt'\nBEGIN BULK\nINCLUDE 'parts/\ngröße.dat' $ both\nCTETRA,1,1,1,2,3,4\n";
     let path = dir.path().join("a.bdf");
     std::fs::write(&path, deck).unwrap();

@@ -61,14 +61,20 @@ impl Cards {
             return Ok(Some(line));
         }
         while let Some(line) = self.source.line()? {
-            // "$" begins a comment. A tab goes to the next multiple of eight columns, the width of a field.
-            let line = line.split('$').next().unwrap_or("").trim_end();
-            if line.trim().is_empty() {
-                continue;
-            }
             let word = line.trim_start().get(.."INCLUDE".len());
             let is_name =
                 self.is_in_name || word.is_some_and(|w| w.eq_ignore_ascii_case("INCLUDE"));
+            // "$" begins a comment, but not in a name between quotation marks.
+            let mut is_quoted = self.is_in_name;
+            let begins_comment = |c: char| {
+                is_quoted ^= is_name && matches!(c, '\'' | '"');
+                c == '$' && !is_quoted
+            };
+            let line = line.split(begins_comment).next().unwrap_or("").trim_end();
+            if line.trim().is_empty() {
+                continue;
+            }
+            // A tab goes to the next multiple of eight columns, the width of a field.
             let mut kept = String::with_capacity(line.len());
             for c in line.chars() {
                 match c {
