@@ -1,8 +1,8 @@
 //! Curved tets: the middles of outer edges move onto the surface, those along creases onto the crease.
 //!
 //! A curved tet is quadratic: one middle per edge. A middle is moved only within a share of its edge's length, and goes
-//! back to the straight edge if a tet would fold or become a sliver. The result has the same corners as the straight body, but for inner
-//! nodes that make room. Curved tets of other meshers are unfolded likewise.
+//! back to the straight edge if a tet would fold or become a sliver. The result has the same corners as the straight
+//! body, but for inner nodes that make room. Curved tets of other meshers are unfolded likewise.
 
 use super::creases::Creases;
 use super::improve::{SLIVER_QUALITY, quality};
@@ -150,8 +150,8 @@ pub(super) fn curved(
 }
 
 impl Scaffold {
-    /// The nodes, with the middles of curved tets that fold, or are slivers by their bow, so much nearer to their straight
-    /// edges that none folds. Tets whose corners have no volume stay as they are.
+    /// The nodes, with the middles of curved tets that fold, or are slivers by their bow, so much nearer to their
+    /// straight edges that none folds. Tets whose corners have no volume stay as they are.
     pub fn unfolded(&self) -> Vec<Vec3> {
         let elements = self.connectivity();
         let tets: Vec<&[u32]> = (0..self.len())
@@ -247,11 +247,11 @@ fn middles(
     })
 }
 
-/// The Bézier points of a curved tet's map x = sum of l_i l_j c_ij, with barycentric coordinates l.
+/// The Bézier points of a curved tet's map x = sum of `l_i l_j c_ij`, with barycentric coordinates l.
 struct ControlNet([[Vec3; 4]; 4]);
 
 impl ControlNet {
-    /// `middles` are the mid nodes in the order of `EDGES`. At the middle of an edge x = (p_i + p_j + 2 c_ij) / 4.
+    /// `middles` are the mid nodes in the order of `EDGES`. At the middle of an edge `x = (p_i + p_j + 2 c_ij) / 4`.
     fn new(corners: [Vec3; 4], middles: &[Vec3; 6]) -> Self {
         let mut control = [[Vec3::zeros(); 4]; 4];
         for i in 0..4 {
@@ -265,7 +265,7 @@ impl ControlNet {
         Self(control)
     }
 
-    /// Control vector i of the derivative from corner 0 to corner k, which is linear: 2 sum l_i (c_ik - c_i0).
+    /// Control vector i of the derivative from corner 0 to corner k, which is linear: `2 sum l_i (c_ik - c_i0)`.
     fn step(&self, i: usize, k: usize) -> Vec3 {
         (self.0[i][k] - self.0[i][0]) * 2.0
     }
@@ -356,8 +356,8 @@ mod tests {
             middles[0].x -= bow;
             ControlNet::new(corners, &middles)
         };
-        // At corner 0 the derivatives towards the others are their differences from it, and that along the bowed edge is
-        // 4 bow less in x. Their mean ratio is that of the tet with these sides.
+        // At corner 0 the derivatives towards the others are their differences from it, and that along the bowed edge
+        // is 4 bow less in x. Their mean ratio is that of the tet with these sides.
         let expected = |bow: f64| {
             let [b, c, d] = [1, 2, 3].map(|k| corners[k] - corners[0]);
             let b = b - Vec3::new(4.0 * bow, 0.0, 0.0);
