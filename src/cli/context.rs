@@ -207,6 +207,11 @@ impl Session {
         }
     }
 
+    /// An error after which the command goes on, on stderr; quiet does not hide it.
+    pub(super) fn error(&self, text: &str) {
+        self.display.line(&terminal::lines(text));
+    }
+
     /// A warning on stderr; quiet does not hide it.
     pub(super) fn warn(&self, warning: &Warning) {
         let (on, off) = if self.colored() {

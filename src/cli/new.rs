@@ -4,6 +4,7 @@ use super::context::Session;
 use super::failure::Failure;
 use super::output::Answer;
 use crate::io::atomic::write_bytes;
+use crate::pipeline::shell_word;
 use clap::Args;
 use serde_json::json;
 use std::path::PathBuf;
@@ -56,8 +57,9 @@ pub(super) fn answer(p: &Parameters, session: &Session) -> Result<Answer, Failur
     let shown = path.display().to_string();
     Ok(Answer::new(
         format!(
-            "{0}\nrun it with: druse run {0}",
-            super::terminal::line(&shown)
+            "{}\nrun it with: druse run {}",
+            super::terminal::line(&shown),
+            super::terminal::line(&shell_word(&shown))
         ),
         json!({ "path": shown }),
     ))

@@ -11,7 +11,7 @@ use super::output::Answer;
 use super::plan::Parameters;
 use crate::pipeline::{
     RunOptions, brick_plan, check_overridden_outputs, finished_frame, frame_report, make_bricks,
-    merge_bricks, out_of_plan, plan as estimate,
+    merge_bricks, out_of_plan, plan as estimate, shell_word,
 };
 use crate::recipe::Recipe;
 use crate::sequence::FrameList;
@@ -296,7 +296,7 @@ pub(super) fn merge(
                 format!(
                     "found no files of frame {frame}, or files of other inputs; \
                 expected those that druse run {} --brick N makes",
-                    path.display()
+                    shell_word(&path.display().to_string())
                 ),
             ));
         };

@@ -22,12 +22,12 @@ const CRATES: [&str; 7] = [
 /// Lines of Rust with comments that a folder of `src` may have. Who needs more raises its number in the same commit, and
 /// gives the reason there.
 const LINE_BUDGETS: [(&str, usize); 14] = [
-    ("geometry", 13455),
+    ("geometry", 13492),
     ("cells", 18315),
-    ("tilings", 33985),
+    ("tilings", 34013),
     ("effective", 8950),
     ("crystal", 8250),
-    ("formats", 20605),
+    ("formats", 20626),
     ("solids", 5820),
     ("vdb", 11705),
     ("recipe", 5650),

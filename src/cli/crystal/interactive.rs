@@ -50,8 +50,8 @@ pub(super) fn run_session(
             None => return Ok(()),
             // With --json stdout is one object, which the caller writes: errors go to stderr.
             Some(answer) if session.json() || answer.is_empty() => {
-                for error in answer.lines().filter(|l| l.starts_with("error: ")) {
-                    session.note(error);
+                if let Some(at) = answer.find("error: ") {
+                    session.error(&answer[at..]);
                 }
             }
             Some(answer) => {
@@ -105,8 +105,9 @@ fn reply(
         ("steps", _) => interpreter.steps().join("\n"),
         ("draw", _) => match (second, interpreter.mesh()) {
             (Some(_), Some(mesh)) => {
-                // The rest of the line, which may have blanks.
-                let path = text["draw".len()..].trim();
+                // The rest of the line up to a comment; it may have blanks.
+                let rest = &text["draw".len()..];
+                let path = rest.split(" #").next().unwrap_or(rest).trim();
                 match draw(mesh, Path::new(path)) {
                     Ok(bytes) => format!("{path}  {}", crate::cli::numbers::size(bytes)),
                     Err(e) => format!("error: {}", e.one_line()),

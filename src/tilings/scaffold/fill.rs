@@ -34,8 +34,11 @@ const MIN_PART_LENGTH: f64 = 1.0 / 32.0;
 const FLAT_QUALITY: f64 = 0.02;
 /// How often cells are halved where tets are slivers or the volume is missing: each time a whole filling.
 const REFINEMENTS: usize = 3;
-/// Distance by which the surface may be smoothed where tets are slivers, cells.
+/// Mean distance by which the surface may be simplified where tets are slivers, and the greatest one, cells.
 const MIN_DETAIL: f64 = 1e-3;
+const MAX_MOVE: f64 = 0.01;
+/// Most triangles of such a surface, so that it takes no second.
+const MAX_SIMPLIFIED: usize = 200_000;
 /// Share of the volume that may be missing.
 const MAX_VOLUME_ERROR: f64 = 0.004;
 /// Most nodes of a filling.
@@ -57,7 +60,7 @@ pub struct Filled {
     pub scaffold: Scaffold,
     /// Middles of edges along creases that are no edges of outer faces.
     pub lost: Vec<Vec3>,
-    /// Middles of edges that stay straight because a tet would fold.
+    /// Middles of edges that stay straight because a tet would fold or be a sliver.
     pub straight: Vec<Vec3>,
 }
 
@@ -88,15 +91,23 @@ impl Scaffold {
                 what: "nodes",
             });
         }
-        let mut best = Trial::refined(solid, options, progress)?;
-        // Facets far narrower than a cell need tets of their width, which are slivers: the surface without them does not.
+        let volume = solid.volume();
+        let mut best = Trial::refined(solid, options, volume, progress)?;
+        // Facets far narrower than a cell need tets of their width, which are slivers: a surface without them does not.
         // Where the volume is missing, it is the cells that are too large.
         if best.badness > 0.0
-            && best.is_whole
-            && let Some(smooth) = without_details(solid, MIN_DETAIL * cell)
+            && best.has_volume
+            && let Some(smooth) = without_details(solid, cell, progress)
         {
-            let trial = Trial::refined(&smooth, options, progress)?;
-            if trial.is_whole && trial.is_better_than(&best) {
+            let trial = match Trial::refined(&smooth, options, volume, progress) {
+                Err(ScaffoldError::Cancelled(c)) => return Err(c.into()),
+                trial => trial.ok(),
+            };
+            // The whole surface was simplified, so that the gain must be clear.
+            let is_better = |t: &Trial| t.has_volume && 2.0 * t.badness <= best.badness;
+            if let Some(trial) = trial.filter(is_better)
+                && trial.is_better_than(&best)
+            {
                 best = trial;
             }
         }
@@ -104,14 +115,17 @@ impl Scaffold {
     }
 }
 
-/// A closed solid with edges collapsed where that moves the surface by about `error` at most; `None` where there are none
-/// or the volume changes.
-fn without_details(solid: &MeshSolid, error: f64) -> Option<MeshSolid> {
+/// A closed solid with edges collapsed; `None` where there are none, the surface moves by more than [`MAX_MOVE`], or the
+/// work is cancelled.
+fn without_details(solid: &MeshSolid, cell: f64, progress: &dyn Progress) -> Option<MeshSolid> {
     let volume = solid.volume()?;
     let mesh = solid.mesh().merged();
+    if mesh.triangles().len() > MAX_SIMPLIFIED || progress.cancelled() {
+        return None;
+    }
     let goal = CollapseGoal {
         triangles: 0,
-        error: Some(error),
+        error: Some(MIN_DETAIL * cell),
     };
     let triangles = collapsed(mesh.vertices(), mesh.triangles(), goal);
     if triangles.len() == mesh.triangles().len() {
@@ -119,7 +133,17 @@ fn without_details(solid: &MeshSolid, error: f64) -> Option<MeshSolid> {
     }
     let smooth = TriMesh::new(mesh.vertices().to_vec(), triangles).ok()?;
     let is_whole = (smooth.volume() / volume - 1.0).abs() < MAX_VOLUME_ERROR / 4.0;
-    is_whole.then(|| MeshSolid::new(smooth))
+    let smooth = MeshSolid::new(smooth);
+    // The error is a mean: small facets beside large ones may move farther.
+    let middles: Vec<Vec3> = smooth
+        .mesh()
+        .iter_corners()
+        .map(|[a, b, c]| (a + b + c) / 3.0)
+        .collect();
+    let is_near = |p: &Vec3, other: &MeshSolid| other.closest_within(*p, MAX_MOVE * cell).is_some();
+    let has_stayed = mesh.vertices().par_iter().all(|p| is_near(p, &smooth))
+        && middles.par_iter().all(|p| is_near(p, solid));
+    (is_whole && has_stayed).then_some(smooth)
 }
 
 /// A filling with its faults.
@@ -129,8 +153,8 @@ struct Trial {
     faults: Vec<(Vec3, f64)>,
     /// The number of slivers; ten thousandths of the volume beyond [`MAX_VOLUME_ERROR`] count as one.
     badness: f64,
-    /// Whether no volume beyond [`MAX_VOLUME_ERROR`] is missing.
-    is_whole: bool,
+    /// Whether the volume is off by at most [`MAX_VOLUME_ERROR`], or unknown.
+    has_volume: bool,
     components: usize,
 }
 
@@ -140,15 +164,19 @@ impl Trial {
         self.badness < other.badness && self.components <= other.components
     }
 
-    /// The best of some fillings: where tets are slivers or the volume is missing, cells are halved. The first of equally
-    /// good ones counts.
+    /// The best of some fillings, whose volume is to be `volume`: where tets are slivers or volume is missing, cells are
+    /// halved. The first of equally good ones counts.
     fn refined(
         solid: &MeshSolid,
         options: FillOptions,
+        volume: Option<f64>,
         progress: &dyn Progress,
     ) -> Result<Self, ScaffoldError> {
         let creases = Creases::of(solid);
-        let fill = |finer: &[(Vec3, f64)]| Trial::new(solid, &creases, options, finer, progress);
+        let fill = |finer: &[(Vec3, f64)]| {
+            let place = (solid, &creases, volume);
+            Trial::new(place, options, finer, progress)
+        };
         let mut best = fill(&[])?;
         let mut finer = best.faults.clone();
         for _ in 0..REFINEMENTS {
@@ -167,8 +195,7 @@ impl Trial {
     /// Fills a solid with cells of given sizes around some places: creases, then nodes, then tets and added nodes, then
     /// better tets, then curved edges.
     fn new(
-        solid: &MeshSolid,
-        creases: &Creases,
+        (solid, creases, volume): (&MeshSolid, &Creases, Option<f64>),
         options: FillOptions,
         finer: &[(Vec3, f64)],
         progress: &dyn Progress,
@@ -203,19 +230,19 @@ impl Trial {
         let places = tets.iter().map(|t| t.map(|n| nodes[n as usize].place));
         let slivers = places.filter(|&t| quality(t) < SLIVER_QUALITY);
         let mut faults: Vec<Vec3> = slivers.map(|t| t.iter().sum::<Vec3>() / 4.0).collect();
-        let (mut badness, mut is_whole) = (faults.len() as f64, true);
-        if let Some(volume) = solid.volume() {
+        let (mut badness, mut has_volume) = (faults.len() as f64, true);
+        if let Some(volume) = volume {
             let own: f64 = curved.scaffold.elements().map(|e| e.volume()).sum();
             let excess = (own / volume - 1.0).abs() - MAX_VOLUME_ERROR;
             if excess > 0.0 {
-                is_whole = false;
+                has_volume = false;
                 badness += 1e4 * excess;
                 faults.extend(curved.straight.iter().chain(&lost));
             }
         }
         Ok(Self {
             components: curved.scaffold.components().len(),
-            is_whole,
+            has_volume,
             filled: Filled {
                 scaffold: curved.scaffold,
                 straight: curved.straight,

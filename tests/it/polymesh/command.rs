@@ -124,8 +124,8 @@ fn a_conversation_goes_on_after_errors_and_undoes() {
     assert!(place.path().join("a.obj").exists());
     assert!(!out.contains("never"));
     // A name with blanks, and with --json errors on stderr beside one object on stdout.
-    let input = "cube\nextrud all\ndraw a b.obj\n";
-    let done = druse(place.path(), &["--interactive", "--json"], input);
+    let input = "cube\nextrud all\ndraw a b.obj # so far\n";
+    let done = druse(place.path(), &["--interactive", "--json", "--quiet"], input);
     let object: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
     assert_eq!(object["faces"], 6, "{object}");
     assert!(text(&done.stderr).contains("no step is called \"extrud\""));

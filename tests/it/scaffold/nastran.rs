@@ -381,9 +381,15 @@ fn included_files_stand_beside_the_deck() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::create_dir(dir.path().join("parts")).unwrap();
     let grids = TET10.lines().take(4).collect::<Vec<_>>().join("\n");
-    std::fs::write(dir.path().join("parts/ü$brig.bdf"), grids).unwrap();
-    let inner = "include 'ü$brig.bdf' $ \"$ a comment\n";
-    std::fs::write(dir.path().join("parts/größe.dat"), inner).unwrap();
+    // A dollar or the other mark within quotation marks, and an apostrophe without any.
+    let texts = [
+        ("größe.dat", "include it's.dat $ a comment\n"),
+        ("it's.dat", "include \"ü'$brig.bdf\" $ \"$ a comment\n"),
+        ("ü'$brig.bdf", &grids),
+    ];
+    for (name, text) in texts {
+        std::fs::write(dir.path().join("parts").join(name), text).unwrap();
+    }
     let deck = "SOL 101\nCEND\nINCLUDE 'case.txt'\nBEGIN BULK\nINCLUDE 'parts/\ngröße.dat' $ both\nCTETRA,1,1,1,2,3,4\n";
     let path = dir.path().join("a.bdf");
     std::fs::write(&path, deck).unwrap();

@@ -28,8 +28,8 @@ pub(super) struct Cards {
     source: Source,
     /// The first line of the next card.
     next_line: Option<String>,
-    /// Within a quoted name of a file.
-    is_in_name: bool,
+    /// The quotation mark of a name of a file that runs on.
+    open_mark: Option<char>,
 }
 
 /// A physical line in parts.
@@ -50,7 +50,7 @@ impl Cards {
         Ok(Self {
             source: Source::open(path)?,
             next_line: None,
-            is_in_name: false,
+            open_mark: None,
         })
     }
 
@@ -61,16 +61,12 @@ impl Cards {
             return Ok(Some(line));
         }
         while let Some(line) = self.source.line()? {
-            let word = line.trim_start().get(.."INCLUDE".len());
-            let is_name =
-                self.is_in_name || word.is_some_and(|w| w.eq_ignore_ascii_case("INCLUDE"));
-            // "$" begins a comment, but not in a name between quotation marks.
-            let mut is_quoted = self.is_in_name;
-            let begins_comment = |c: char| {
-                is_quoted ^= is_name && matches!(c, '\'' | '"');
-                c == '$' && !is_quoted
+            let text = line.trim_start();
+            let name = match self.open_mark {
+                Some(_) => Some(text),
+                None => after_include(text),
             };
-            let line = line.split(begins_comment).next().unwrap_or("").trim_end();
+            let line = without_comment(line, name, self.open_mark).trim_end();
             if line.trim().is_empty() {
                 continue;
             }
@@ -84,7 +80,7 @@ impl Cards {
                             kept.push(' ');
                         }
                     }
-                    c if (c.is_ascii() || is_name) && !c.is_control() => kept.push(c),
+                    c if (c.is_ascii() || name.is_some()) && !c.is_control() => kept.push(c),
                     _ => kept.push('?'),
                 }
             }
@@ -169,9 +165,9 @@ impl Cards {
                 name.truncate(end);
                 return Ok(name);
             }
-            self.is_in_name = true;
+            self.open_mark = Some(mark);
             let line = self.line()?;
-            self.is_in_name = false;
+            self.open_mark = None;
             match line {
                 Some(line) => name.push_str(line.trim()),
                 None => break,
@@ -180,6 +176,31 @@ impl Cards {
         let found = format!("INCLUDE of {}", quote(&name));
         Err(self.source.bad(found, "a quotation mark after the name"))
     }
+}
+
+/// What follows the word INCLUDE that begins a line.
+fn after_include(text: &str) -> Option<&str> {
+    let (word, rest) = text.split_at_checked("INCLUDE".len())?;
+    let is_include = word.eq_ignore_ascii_case("INCLUDE");
+    is_include.then(|| rest.trim_start())
+}
+
+/// A line up to its comment, which "$" begins, but not between the quotation marks of a name. `name` is the end of the
+/// line from the name of a file on; `open` is the mark of a name that began in a line before.
+fn without_comment<'a>(line: &'a str, name: Option<&str>, open: Option<char>) -> &'a str {
+    let is_mark = |c: &char| matches!(c, '\'' | '"');
+    let own = || name.and_then(|n| n.chars().next()).filter(is_mark);
+    let begins_with_comment = line.trim_start().starts_with('$');
+    let quoted_length = match (name, open.or_else(own)) {
+        (Some(name), Some(mark)) if !begins_with_comment => {
+            let first = line.len() - name.len() + usize::from(open.is_none());
+            let closing = line[first..].find(mark);
+            closing.map_or(line.len(), |at| first + at)
+        }
+        _ => 0,
+    };
+    let comment = line[quoted_length..].find('$');
+    comment.map_or(line, |at| &line[..quoted_length + at])
 }
 
 /// Whether a line with this first field continues a card.

@@ -72,7 +72,7 @@ pub(crate) fn cad_mesh(
     let mut hash = blake3::Hasher::new();
     hash.update(&bytes);
     // This word changes with the way in which tets are made, so that none made in another way are taken.
-    hash.update(format!("smaller cells {options:?}").as_bytes());
+    hash.update(format!("smaller cells, straight slivers {options:?}").as_bytes());
     let path = folder.join(format!("{}.msh", hash.finalize().to_hex()));
     let kept = path.with_extension("volume");
     // The volume is written first: without a number in it the mesh is made anew.
@@ -315,7 +315,7 @@ impl Gmsh<'_> {
             .collect();
         if !moved.is_empty() && crate::io::move_nodes(&mut bytes, &moved).is_none() {
             return Err((self.failed)(format!(
-                "{} middles of tets must move so that no tet folds, but gmsh wrote no binary file of version 4.1; \
+                "{} middles of tets must move so that no tet folds or is a sliver, but gmsh wrote no binary file of version 4.1; \
                  expected gmsh 4.8 or later",
                 moved.len()
             )));

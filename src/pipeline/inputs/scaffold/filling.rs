@@ -306,7 +306,7 @@ fn warnings(
     );
     places(
         &filled.straight,
-        "edges of tets stay straight on a curved surface, because a tet would fold",
+        "edges of tets stay straight on a curved surface, because a tet would fold or be a sliver",
     );
     if let Some(message) = thin(&filled.scaffold) {
         let is_good = |s: &Scaffold| thin(s).is_none();

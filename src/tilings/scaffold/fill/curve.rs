@@ -20,6 +20,8 @@ const MIN_BOW: f64 = 1e-3;
 const MAX_BOW: f64 = 0.3;
 /// Least Jacobian of a curved tet, as a share of that of the straight one.
 const MIN_JACOBIAN: f64 = 0.1;
+/// Slivers are better straight if they have less than this share of the straight tet's quality.
+const MAX_BOWED_SHARE: f64 = 0.9;
 /// Least quality of the tets at a node that makes room for a curved face.
 const MIN_RELIEVED_QUALITY: f64 = 0.25;
 /// How often the bow of an edge is halved before the edge becomes straight, in tets of other meshers.
@@ -151,7 +153,7 @@ pub(super) fn curved(
 
 impl Scaffold {
     /// The nodes, with the middles of curved tets that fold, or are slivers by their bow, so much nearer to their
-    /// straight edges that none folds. Tets whose corners have no volume stay as they are.
+    /// straight edges that none is. Tets whose corners have no volume stay as they are.
     pub fn unfolded(&self) -> Vec<Vec3> {
         let elements = self.connectivity();
         let tets: Vec<&[u32]> = (0..self.len())
@@ -311,7 +313,8 @@ impl ControlNet {
         false
     }
 
-    /// The least mean ratio over corners, middles of edges and centre: that of the straight tet with these edges.
+    /// The least mean ratio over corners, middles of edges and centre. At a point it is that of the straight tet whose
+    /// edges from corner 0 are the derivatives there.
     fn quality(&self) -> f64 {
         let at = |l: [f64; 4]| {
             let derivative = |k| (0..4).map(|i| self.step(i, k) * l[i]).sum::<Vec3>();
@@ -328,11 +331,11 @@ impl ControlNet {
         nodes.fold(at([0.25; 4]), f64::min)
     }
 
-    /// Whether the tet is better with straight edges: it folds, or becomes a sliver by their bow.
+    /// Whether the tet is better with straight edges: it folds, or is a sliver for a good part by their bow.
     fn is_better_straight(&self) -> bool {
         let is_sliver = || {
             let curved = self.quality();
-            curved < SLIVER_QUALITY && curved < quality(self.corners())
+            curved < SLIVER_QUALITY && curved < MAX_BOWED_SHARE * quality(self.corners())
         };
         self.is_folded() || is_sliver()
     }
