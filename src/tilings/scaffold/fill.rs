@@ -33,7 +33,7 @@ const MIN_PART_LENGTH: f64 = 1.0 / 32.0;
 /// Tets of less quality that lie on the surface have no volume: they are no part of the body.
 const FLAT_QUALITY: f64 = 0.02;
 /// How often cells are halved where tets are slivers or the volume is missing: each time a whole filling.
-const REFINEMENTS: usize = 3;
+const REFINEMENTS: usize = 5;
 /// Mean distance by which the surface may be simplified where tets are slivers, and the greatest one, cells.
 const MIN_DETAIL: f64 = 1e-3;
 const MAX_MOVE: f64 = 0.01;
