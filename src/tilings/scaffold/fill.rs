@@ -103,11 +103,11 @@ impl Scaffold {
                 Err(ScaffoldError::Cancelled(c)) => return Err(c.into()),
                 trial => trial.ok(),
             };
-            // The whole surface was simplified, so that the gain must be clear.
-            let is_better = |t: &Trial| t.has_volume && 2.0 * t.badness <= best.badness;
-            if let Some(trial) = trial.filter(is_better)
-                && trial.is_better_than(&best)
-            {
+            // The whole surface was simplified, so that the gain must be clear: half of the slivers.
+            let is_better = |t: &Trial| {
+                t.has_volume && 2.0 * t.badness <= best.badness && t.components <= best.components
+            };
+            if let Some(trial) = trial.filter(is_better) {
                 best = trial;
             }
         }
@@ -159,11 +159,6 @@ struct Trial {
 }
 
 impl Trial {
-    /// Whether it has fewer faults. A better mesh in more pieces is none.
-    fn is_better_than(&self, other: &Self) -> bool {
-        self.badness < other.badness && self.components <= other.components
-    }
-
     /// The best of some fillings, whose volume is to be `volume`: where tets are slivers or volume is missing, cells are
     /// halved. The first of equally good ones counts.
     fn refined(
@@ -185,7 +180,8 @@ impl Trial {
             }
             let trial = fill(&finer)?;
             finer.extend(&trial.faults);
-            if trial.is_better_than(&best) {
+            // A better mesh in more pieces is none.
+            if trial.badness < best.badness && trial.components <= best.components {
                 best = trial;
             }
         }
