@@ -1,6 +1,6 @@
 //! Tilings: one cell over all elements of a scaffold, as a signed distance field in world space.
 //!
-//! [`TiledSolid`] states the field and its distance rules Q and R. Five evaluators compute values; the
+//! [`TiledSolid`] states the field and its distance rules Q and R. Four evaluators compute values; the
 //! first row that applies is used. [`TiledSolid::new`] decides on the first, `fill` on the others. Not promised: rule
 //! Q is no exact distance off the surface, and where elements meet the surface may have a crease.
 //!
@@ -8,8 +8,7 @@
 //! |---|---|---|---|
 //! | `axis_aligned` | a box of equal hexes along the axes | rule Q, a cell that is a short trigonometric series, a narrow band | products of tabulated sines and cosines |
 //! | `interpolated` | one element over a leaf of 8^3 samples | a tolerance for it, rule Q, more than w inside the boundary, at most 0.7 waves of the cell over the leaf | polynomials through 4^3 or 6^3 nodes |
-//! | `affine` | at most 1,024 affine elements near a lattice | rule Q | 64 samples at a time, no search |
-//! | `curved` | any | rule Q | blocks of 2^3 samples, Newton's method for the inverse map |
+//! | `batched` | at most 1,024 near 4^3 samples | rule Q | 64 samples at a time, Newton's method for curved maps |
 //! | `distance_scale`, `exact` | any | single points, rule R, several components without a cut | point by point |
 //!
 //! ```
@@ -35,8 +34,8 @@ use druse_geometry::field::{
 use druse_geometry::frame::{Aabb, CellPoint, Vec3, WorldPoint};
 use druse_geometry::mesh::MeshSolid;
 
-mod affine;
 mod axis_aligned;
+mod batched;
 mod blend;
 mod bound;
 mod boundary;
@@ -45,7 +44,6 @@ mod certificate;
 mod clamp;
 mod control_lattice;
 mod corners;
-mod curved;
 mod distance_scale;
 mod distribution;
 mod error;

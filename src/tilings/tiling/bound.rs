@@ -6,11 +6,11 @@
 //! since the leaf is then sampled anyway. Rules Q and R: `distance_scale` and `exact`. Lengths are in world units,
 //! values of F in units of the field.
 
-use super::fill::with_affine_buffers;
-use super::locality::{LocalSearch, NEIGHBOUR_DISTANCE, NearElements};
+use super::fill::with_batch_buffers;
+use super::locality::{NEIGHBOUR_DISTANCE, NearElements};
 use super::{Distance, TiledSolid};
 use druse_geometry::field::{Interval, LeafParts};
-use druse_geometry::frame::{Aabb, CellPoint};
+use druse_geometry::frame::Aabb;
 use std::cell::Cell;
 
 /// Relative allowance for rounding to single precision.
@@ -30,7 +30,6 @@ struct BoundBuffers {
     /// Elements near all regions, and near one of them.
     near: NearElements,
     region_near: NearElements,
-    local: LocalSearch,
 }
 
 thread_local! {
@@ -117,7 +116,6 @@ impl TiledSolid<'_> {
             boundary_triangles,
             near,
             region_near,
-            local,
         } = buffers;
         let w = self.options.half_width;
         // Where components meet, points near the surface of one may lie inside another.
@@ -150,26 +148,20 @@ impl TiledSolid<'_> {
         // slope. A value that exceeds the band by more than L times the layer has the sign of the layer.
         let may_test_centres = self.options.distance == Distance::Fast
             && near.patches.len() <= MAX_CENTRE_TEST_ELEMENTS;
-        let is_affine = self.are_affine(near);
         let is_leaf = padding > 0.0 && padding < w;
         let is_deep = may_test_centres && is_leaf && depth.hi <= -w;
         // Most regions are decided from their centres. For a leaf deep in the scaffold the regions are bounded
         // without the layer, if the scaffold covers them once.
         let centres = if is_deep { regions } else { padded };
         let mut values = [None; N];
-        if may_test_centres && is_affine {
-            values = self.at_centres(near, centres, None);
+        if may_test_centres {
+            values = self.at_centres(near, centres);
         }
         let is_single_cover = || {
             let middle = around.centre().0;
             values.iter().any(Option::is_some) || boundary.winding_number(middle).round() == 1.0
         };
         let use_inner = is_deep && is_single_cover();
-        let mut local = (use_inner && !is_affine).then_some(local);
-        if let Some(local) = local.as_deref_mut() {
-            local.reset(near);
-            values = self.at_centres(near, centres, Some(local));
-        }
         let evaluated = if use_inner { regions } else { padded };
         // The region nearest to the surface most likely decides for all.
         let mut order: [usize; N] = std::array::from_fn(|n| n);
@@ -193,9 +185,8 @@ impl TiledSolid<'_> {
                 .filter(|_| reach == 0.0)
                 .and_then(|f| {
                     let radius = region.farthest(centres[n].centre());
-                    self.range_from_centre(f, near, radius, N > 1).or_else(|| {
-                        self.range_of_parts(near, region, halvings, local.as_deref_mut())
-                    })
+                    self.range_from_centre(f, near, radius, N > 1)
+                        .or_else(|| self.range_of_parts(near, region, halvings))
                 })
                 .unwrap_or_else(|| {
                     let all = region.dilated(reach);
@@ -242,17 +233,16 @@ impl TiledSolid<'_> {
         near: &NearElements,
         region: &Aabb,
         halvings: u32,
-        mut local: Option<&mut LocalSearch>,
     ) -> Option<Interval> {
         let w = self.options.half_width;
         let finer = halvings.checked_sub(1)?;
         let parts = eighths(region);
-        let values = self.at_centres(near, &parts, local.as_deref_mut());
+        let values = self.at_centres(near, &parts);
         let mut all: Option<Interval> = None;
         for (part, f) in parts.iter().zip(values) {
             let own = self
                 .range_from_centre(f?, near, part.half_diagonal(), true)
-                .or_else(|| self.range_of_parts(near, part, finer, local.as_deref_mut()))?;
+                .or_else(|| self.range_of_parts(near, part, finer))?;
             let hull = all.map_or(own, |a| a.hull(own));
             if hull.may_be_within(w) {
                 return Some(hull);
@@ -293,27 +283,13 @@ impl TiledSolid<'_> {
         )
     }
 
-    /// The field at the centres of regions that lie in a single element. Without `local` all elements must be affine;
-    /// with it any are allowed, if they do not overlap there. `None` where the centre decides nothing.
+    /// The field at the centres of regions that lie in a single element; `None` where the centre decides nothing.
     fn at_centres<const N: usize>(
         &self,
         near: &NearElements,
         regions: &[Aabb; N],
-        local: Option<&mut LocalSearch>,
     ) -> [Option<f64>; N] {
-        let Some(local) = local else {
-            return with_affine_buffers(|buffers| {
-                self.field_at(near, regions.map(|r| r.centre().0), buffers)
-            });
-        };
-        regions.map(|region| {
-            let owner = self.owner(local, region.centre().0)?;
-            let element = self.patch(local, owner.near_index).number();
-            let mut value = [0.0];
-            self.filling
-                .values(element, &[CellPoint(owner.preimage.xi)], &mut value);
-            Some(value[0])
-        })
+        with_batch_buffers(|buffers| self.field_at(near, regions.map(|r| r.centre().0), buffers))
     }
 
     /// Distance from a box of the points at which the field is evaluated, if the box extends up to `outside`

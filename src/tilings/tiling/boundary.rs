@@ -45,14 +45,6 @@ impl RegionFacts<'_> {
         self.limits.is_none_or(|l| l.is_needed(n as usize))
     }
 
-    /// The distances that a sample of the lattice needs exactly.
-    #[inline]
-    pub fn wanted_of(&self, n: u32) -> Interval {
-        self.limits.map_or(self.wanted, |limits| {
-            within_band(limits.of_sample(n as usize), self.wanted)
-        })
-    }
-
     /// The boundary point nearest to `x`, if it is within `radius`, at most the band's half width. A short list of
     /// triangles is searched one by one, else the whole boundary by its hierarchy: both find the same point.
     #[inline]

@@ -5,9 +5,9 @@
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
-use super::inverse_map::{dot, rows};
+use super::inverse_map::dot;
 use druse_geometry::frame::{Aabb, Element, Mat3, Vec3};
-use druse_geometry::simd::{self, Four, Lanes, Number, SimdKernel};
+use druse_geometry::simd::Number;
 
 /// A half space that contains an element: `normal . x <= offset`, the normal of unit length.
 #[derive(Clone, Copy)]
@@ -88,39 +88,5 @@ impl BoundingPlanes {
             centre[a] - half[a] - self.bounds.max[a] > margin
                 || self.bounds.min[a] - centre[a] - half[a] > margin
         })
-    }
-
-    /// Calls `found` with index and m of each point that is not certainly more than `margin` outside.
-    pub fn for_each_within(&self, points: &[Vec3], margin: f64, found: impl FnMut(usize, f64)) {
-        simd::run(WithinKernel {
-            planes: self,
-            points,
-            margin,
-            found,
-        });
-    }
-}
-
-struct WithinKernel<'a, K> {
-    planes: &'a BoundingPlanes,
-    points: &'a [Vec3],
-    margin: f64,
-    found: K,
-}
-
-impl<K: FnMut(usize, f64)> SimdKernel for WithinKernel<'_, K> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<L: Lanes>(mut self, lanes: L) {
-        for (four, points) in self.points.chunks(4).enumerate() {
-            let x: [Four<L>; 3] = rows(lanes, points);
-            let m = self.planes.outside_distance(x).row();
-            for (n, &m) in m.iter().enumerate().take(points.len()) {
-                if m <= self.margin {
-                    (self.found)(4 * four + n, m);
-                }
-            }
-        }
     }
 }

@@ -5,7 +5,7 @@
 //! continuous while its zeros are those of F.
 
 use super::locality::{LocalSearch, Owner};
-use super::newton_distance::{self, FirstStep, InverseJacobians, StepLimits, StepStarts};
+use super::newton_distance::StepLimits;
 use super::patch::{Patch, Preimage};
 use super::{Distance, TiledSolid};
 use druse_geometry::frame::{CellPoint, Vec3};
@@ -33,7 +33,7 @@ impl TiledSolid<'_> {
         let w = self.options.half_width;
         let delta = self.delta();
         let patch = self.patch(local, at.near_index);
-        let owner_scale = self.scale(patch, &at.preimage, x, f, g);
+        let owner_scale = self.scale(patch, &at.preimage, f, g);
         let depth = patch.depth(&at.preimage);
         if depth >= delta {
             return (f * owner_scale).clamp(-w, w);
@@ -54,7 +54,7 @@ impl TiledSolid<'_> {
             let weight = 1.0 - preimage.outside_distance.max(depth) / delta;
             if weight > 0.0 {
                 let (f, g) = self.slope(patch.number() as u32, &preimage);
-                sum += weight * self.scale(patch, &preimage, x, f, g);
+                sum += weight * self.scale(patch, &preimage, f, g);
                 weights += weight;
             }
         }
@@ -67,22 +67,15 @@ impl TiledSolid<'_> {
         self.filling.value_and_gradient(element as usize, at)
     }
 
-    /// The scale `s_e`: distance per field unit at `x`, by two damped Newton steps with the element's own field,
+    /// The scale `s_e`: distance per field unit at a point, by two damped Newton steps with the element's own field,
     /// from its value `f` and gradient `g` there.
-    fn scale(&self, patch: &Patch, preimage: &Preimage, x: Vec3, f: f64, g: Vec3) -> f64 {
+    fn scale(&self, patch: &Patch, preimage: &Preimage, f: f64, g: Vec3) -> f64 {
         let limits = self.limits(patch);
-        let mut at = [CellPoint(preimage.xi)];
-        let (mut first_steps, mut scales) = ([FirstStep::default()], [0.0]);
-        let starts = StepStarts {
-            x: &[x],
-            at: &mut at,
-            inverses: InverseJacobians::Each(&[preimage.inverse]),
-            slopes: &[(f, g)],
-        };
-        patch.take_first_step(self.scaffold, limits, starts, &mut first_steps);
-        let slope = self.filling.value_and_gradient(patch.number(), at[0]);
-        newton_distance::take_second_step(limits, &[slope], &first_steps, &mut scales);
-        scales[0]
+        let mut at = preimage.xi.into();
+        let first = limits.first_step(patch.step_map(self.scaffold), &mut at, f, g.into());
+        let end = CellPoint(at.into());
+        let (f, g) = self.filling.value_and_gradient(patch.number(), end);
+        limits.scale(first, f, g.into())
     }
 
     /// Limits of the Newton steps in an element.

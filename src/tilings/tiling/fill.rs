@@ -1,19 +1,16 @@
 //! Bulk evaluation of a tiling by components: bounds decide whole boxes, an evaluator is chosen for the others.
 
-use super::affine::{AffineBuffers, MAX_BATCHED_ELEMENTS};
+use super::batched::BatchBuffers;
 use super::boundary::{RegionFacts, within_band};
-use super::curved::{CurvedBatch, LatticeSample};
 use super::interpolated::InterpolationBuffers;
 use super::locality::{LocalSearch, NearElements};
 use super::{Distance, TiledSolid};
-use druse_geometry::field::{Field, Interval, LeafBits, Leaves, Point, SampleLattice, ValueLimits};
+use druse_geometry::field::{Field, Interval, LeafBits, Leaves, SampleLattice, ValueLimits};
 use druse_geometry::frame::{Aabb, Vec3, WorldPoint};
 use std::cell::Cell;
 
 /// Samples along the edge of a part: a box that bounds may decide as a whole.
 const PART_EDGE: usize = 4;
-/// Samples along the edge of a block; parts are made of blocks.
-pub(super) const BLOCK_EDGE: usize = 2;
 
 /// Samples to evaluate, and what is needed of their values.
 pub(super) struct FillRequest<'a> {
@@ -50,10 +47,10 @@ struct Scratch {
     /// Elements near the lattice, and near a part of it.
     near: NearElements,
     local: LocalSearch,
-    blocks: Vec<Vec<LatticeSample>>,
-    curved: CurvedBatch,
-    affine: AffineBuffers,
+    batches: BatchBuffers,
     interpolation: InterpolationBuffers,
+    /// Number of samples evaluated as single points.
+    single_evaluations: u64,
     /// Boundary triangles near the lattice, and near a part of it.
     boundary_triangles: Vec<u32>,
     part_triangles: Vec<u32>,
@@ -63,10 +60,10 @@ thread_local! {
     static SCRATCH: Cell<Option<Box<Scratch>>> = Cell::default();
 }
 
-/// Runs `work` with the thread's buffers for affine elements.
-pub(super) fn with_affine_buffers<T>(work: impl FnOnce(&mut AffineBuffers) -> T) -> T {
+/// Runs `work` with the thread's buffers for batches of points.
+pub(super) fn with_batch_buffers<T>(work: impl FnOnce(&mut BatchBuffers) -> T) -> T {
     let mut scratch = SCRATCH.take().unwrap_or_default();
-    let found = work(&mut scratch.affine);
+    let found = work(&mut scratch.batches);
     SCRATCH.set(Some(scratch));
     found
 }
@@ -135,8 +132,8 @@ impl TiledSolid<'_> {
             !self.is_cut() || bounds.dilated(w).meets(span)
         };
         let mut scratch = SCRATCH.take().unwrap_or_default();
-        scratch.curved.evaluations = 0;
-        scratch.affine.evaluations = 0;
+        scratch.single_evaluations = 0;
+        scratch.batches.evaluations = 0;
         scratch.interpolation.evaluations = 0;
         out.fill(w as f32);
         let (mut is_first, mut signs_proved) = (true, true);
@@ -156,8 +153,8 @@ impl TiledSolid<'_> {
             }
             scratch.values = values;
         }
-        let evaluations = scratch.curved.evaluations
-            + scratch.affine.evaluations
+        let evaluations = scratch.single_evaluations
+            + scratch.batches.evaluations
             + scratch.interpolation.evaluations;
         SCRATCH.set(Some(scratch));
         (evaluations, signs_proved && !is_first)
@@ -187,10 +184,9 @@ impl TiledSolid<'_> {
         let Scratch {
             near,
             local,
-            blocks,
-            curved,
-            affine,
+            batches,
             interpolation,
+            single_evaluations,
             boundary_triangles,
             part_triangles,
             ..
@@ -229,15 +225,12 @@ impl TiledSolid<'_> {
         if self.fill_interpolated((near, whole_depth), lattice, interpolation, out) {
             return false;
         }
-        if self.options.distance == Distance::Fast
-            && near.patches.len() <= MAX_BATCHED_ELEMENTS
-            && self.are_affine(near)
-        {
+        if self.options.distance == Distance::Fast {
             let boundary = (whole_depth, boundary_triangles);
-            self.fill_affine(component, near, request, boundary, affine, out);
-            return affine.are_signs_proved();
+            self.fill_batched(component, near, request, boundary, batches, out);
+            return batches.are_signs_proved();
         }
-        local.reset_for_f32();
+        // Rule R, point by point.
         for part in parts(lattice) {
             let Some(wanted) = request.wanted_in(&part, w) else {
                 continue;
@@ -285,15 +278,12 @@ impl TiledSolid<'_> {
                 for n in part.indices(lattice) {
                     out[n] = d as f32;
                 }
-            } else if known.field_distance.is_none() && self.options.distance == Distance::Fast {
-                let blocks = part.blocks(request, blocks);
-                self.fill_curved(component, local, blocks, known, curved, out);
             } else {
                 for n in part.indices(lattice) {
                     if !known.is_needed(n as u32) {
                         continue;
                     }
-                    curved.evaluations += 1;
+                    *single_evaluations += 1;
                     let x = lattice.point(n).0;
                     out[n] = self.value_at(component, local, x, known) as f32;
                 }
@@ -334,55 +324,6 @@ impl PartOfLattice {
                 row + first[2]..=row + last[2]
             })
         })
-    }
-
-    /// The samples by blocks, each in storage order; blocks without a needed sample are left out.
-    fn blocks<'a>(
-        &self,
-        request: &FillRequest,
-        buffers: &'a mut Vec<Vec<LatticeSample>>,
-    ) -> &'a [Vec<LatticeSample>] {
-        let FillRequest { lattice, limits } = *request;
-        let [_, ny, nz] = lattice.counts;
-        let count = [0, 1, 2].map(|a| (self.last[a] - self.first[a]) / BLOCK_EDGE + 1);
-        let all = count.iter().product();
-        // Blocks that are not used now keep their allocation.
-        if buffers.len() < all {
-            buffers.resize_with(all, Vec::new);
-        }
-        let along = |a: usize, block: usize| {
-            let first = self.first[a] + BLOCK_EDGE * block;
-            first..=self.last[a].min(first + BLOCK_EDGE - 1)
-        };
-        // Coordinates by axis, from the part's first sample.
-        let mut at = [[0.0; PART_EDGE]; 3];
-        for n in 0..PART_EDGE {
-            let x = lattice
-                .origin
-                .stepped(lattice.step, self.first.map(|i| i + n))
-                .0;
-            for (at, x) in at.iter_mut().zip(x.iter()) {
-                at[n] = *x;
-            }
-        }
-        let mut used = 0;
-        for (bi, bj) in (0..count[0]).flat_map(|i| (0..count[1]).map(move |j| (i, j))) {
-            for bk in 0..count[2] {
-                let block = &mut buffers[used];
-                block.clear();
-                for (i, j) in along(0, bi).flat_map(|i| along(1, bj).map(move |j| (i, j))) {
-                    let (x, y) = (at[0][i - self.first[0]], at[1][j - self.first[1]]);
-                    block.extend(along(2, bk).map(|k| LatticeSample {
-                        n: ((i * ny + j) * nz + k) as u32,
-                        x: Vec3::new(x, y, at[2][k - self.first[2]]),
-                    }));
-                }
-                let is_needed =
-                    |t: &LatticeSample| limits.is_none_or(|l| l.is_needed(t.n as usize));
-                used += usize::from(block.iter().any(is_needed));
-            }
-        }
-        &buffers[..used]
     }
 }
 

@@ -12,8 +12,8 @@
 mod leaf;
 mod matrices;
 
+use super::batched::PointLocations;
 use super::locality::NearElements;
-use super::patch::{InverseOptions, Preimages};
 use super::{Distance, TiledSolid};
 use druse_geometry::field::{Interval, Point, SampleLattice};
 use druse_geometry::frame::{CellPoint, Vec3, WorldPoint};
@@ -40,7 +40,7 @@ pub(super) struct InterpolationBuffers {
     at: Vec<Vec3>,
     points: Vec<CellPoint<3>>,
     values: Vec<f64>,
-    preimages: Preimages,
+    locations: PointLocations,
     leaf: LeafValues,
     /// Number of cell evaluations.
     pub evaluations: u64,
@@ -124,7 +124,7 @@ impl TiledSolid<'_> {
             at,
             points,
             values,
-            preimages,
+            locations,
             leaf,
             evaluations,
         } = buffers;
@@ -142,30 +142,9 @@ impl TiledSolid<'_> {
         at.extend(trial_samples().map(|n| lattice.origin.stepped(lattice.step, n).0));
         let patch = &self.patches[number as usize];
         points.clear();
-        let mut local_map = patch.origin_map();
-        // Affine maps have a closed inverse; others are inverted by a search, and every point must be in the element.
-        if patch.is_affine() {
-            local_map.estimate_all(at, points);
-        } else {
-            let centre = lattice.span().centre().0;
-            let first = patch.preimage(
-                self.scaffold,
-                centre,
-                f64::INFINITY,
-                InverseOptions::default(),
-            )?;
-            local_map = patch.local_map(self.scaffold, centre, &first);
-            patch.preimages(
-                self.scaffold,
-                (at, f64::INFINITY),
-                (&mut local_map, true), // Precise enough for values in single precision.
-                preimages,
-            );
-            for preimage in &preimages.all {
-                points.push(CellPoint(
-                    preimage.as_ref().filter(|s| s.face_distance <= 0.0)?.xi,
-                ));
-            }
+        // Every point must be in the element.
+        if !patch.locate_inside(self.scaffold, at, locations, points) {
+            return None;
         }
         values.resize(points.len(), 0.0);
         let (nodes, trial_points) = points.split_at(count);

@@ -1,34 +1,48 @@
-//! The inverse map of a curved element: Newton's method for the continued map, four points at a time, and local maps.
+//! The inverse map of a curved element: Newton's method for the continued map, for one point or a row of points.
+//!
+//! Outside an element its map is continued linearly from the nearest point of the closed cell
+//! ([`Preimage`](super::patch::Preimage)). A step from the point c of the closed cell goes to xi = c + J(c)^-1 (x - M(c));
+//! the next one starts at the closest point of the cell. Inside, convergence is quadratic.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
 use super::clamp::{clamp_row, face_distance_row};
-use super::local_map::LocalMap;
-use super::patch::{Preimage, has_converged};
-use crate::scaffold::Polynomial;
-use druse_geometry::frame::{Element, Mat3, Vec3};
-use druse_geometry::simd::{self, Four, Lanes, Number, SimdKernel, difference};
+use crate::scaffold::{ElementMap, Polynomial};
+use druse_geometry::frame::{CellPoint, Element, Mat3, Vec3};
+use druse_geometry::simd::{Eight, Lanes, Number, difference};
 
-/// Newton steps for four points. Points that need more steps are searched for one by one.
+/// Newton steps for a row of points. Points that need more steps are searched for one by one.
 const MAX_STEPS: usize = 12;
 
 /// Rows of a matrix.
 pub(super) type Matrix<T> = [[T; 3]; 3];
 
-/// The polynomial map of a curved element.
+/// The map of a curved element.
 #[derive(Clone, Copy)]
 pub(super) struct CurvedMap<'a> {
-    pub polynomial: &'a Polynomial,
-    pub shape: Element,
+    element: ElementMap<'a>,
+    /// The map in powers of xi, if it is a polynomial.
+    polynomial: Option<&'a Polynomial>,
+    shape: Element,
 }
 
 /// The result of a Newton step from a point of the closed cell.
-struct Step<T> {
+pub(super) struct Step<T> {
     /// The world position of that point.
-    from: [T; 3],
-    xi: [T; 3],
+    pub from: [T; 3],
+    /// Reference coordinates at the end of the step.
+    pub xi: [T; 3],
     /// d xi / d x at that point, by rows.
-    inverse: Matrix<T>,
+    pub inverse: Matrix<T>,
+}
+
+/// The last steps towards a row of points.
+pub(super) struct StepRow<T> {
+    pub step: Step<T>,
+    /// Largest signed distance to the faces in reference coordinates.
+    pub face_distance: T,
+    /// The points that have converged, a bit each.
+    pub converged: u8,
 }
 
 // No SIMD arithmetic is written in closures: they are not inlined into a caller compiled for the processor.
@@ -72,32 +86,62 @@ fn inverse<T: Number>([a, b, c]: Matrix<T>) -> Matrix<T> {
     [[p[0], q[0], r[0]], [p[1], q[1], r[1]], [p[2], q[2], r[2]]]
 }
 
-/// Loads points by coordinates; the last one is repeated where there are fewer than four.
+/// The last step within the closed cell, reference units, below which Newton's method has converged, from the distance
+/// of its end outside the cell. Inside, the next step would be about the square of this one. Outside, convergence is
+/// linear: each step is a small fraction (curvature times distance) of the previous one. On the faces the last digit
+/// decides which element owns a point.
 #[inline(always)]
-pub(super) fn rows<L: Lanes>(lanes: L, points: &[Vec3]) -> [Four<L>; 3] {
-    let last = points.len() - 1;
-    let (a, b, c, d) = (
-        points[0],
-        points[last.min(1)],
-        points[last.min(2)],
-        points[last],
-    );
-    Four::points(lanes, [a.into(), b.into(), c.into(), d.into()])
+pub(super) fn convergence_tolerance<T: Number>(face_distance: T, for_f32: bool) -> T {
+    let (rough, fine) = (face_distance.splat(1e-6), face_distance.splat(1e-9));
+    let zero = face_distance.splat(0.0);
+    if !for_f32 {
+        return zero.select_below(face_distance, fine, rough);
+    }
+    // Away from the faces, on both sides, values in single precision do not show the error.
+    let near_face = face_distance.splat(1e-3);
+    let outside = near_face.select_below(face_distance, rough, fine);
+    let inside = face_distance.select_below(zero - near_face, face_distance.splat(1e-4), rough);
+    zero.select_below(face_distance, outside, inside)
 }
 
-/// Stores a matrix by row, column and lane.
-#[inline(always)]
-pub(super) fn matrix_to_arrays<L: Lanes>(m: Matrix<Four<L>>) -> [[[f64; 4]; 3]; 3] {
-    [to_arrays(m[0]), to_arrays(m[1]), to_arrays(m[2])]
-}
+impl<'a> CurvedMap<'a> {
+    pub fn new(element: ElementMap<'a>) -> Self {
+        Self {
+            element,
+            polynomial: element.polynomial(),
+            shape: element.shape(),
+        }
+    }
 
-/// Stores a vector by coordinate and lane.
-#[inline(always)]
-pub(super) fn to_arrays<L: Lanes>(v: [Four<L>; 3]) -> [[f64; 4]; 3] {
-    [v[0].row(), v[1].row(), v[2].row()]
-}
+    /// The world point and its derivatives by xi, by rows.
+    #[inline(always)]
+    fn evaluate<T: Number>(&self, xi: [T; 3]) -> ([T; 3], Matrix<T>) {
+        if let Some(polynomial) = self.polynomial {
+            return polynomial.evaluate(xi);
+        }
+        // Pyramids, point by point.
+        let at = |xi: [f64; 3]| self.element.map_and_jacobian(CellPoint(xi.into()));
+        let row = |r: usize| {
+            T::map_points(xi, |xi| {
+                let jacobian = at(xi).1;
+                [jacobian[(r, 0)], jacobian[(r, 1)], jacobian[(r, 2)]]
+            })
+        };
+        (
+            T::map_points(xi, |xi| at(xi).0.0.into()),
+            [row(0), row(1), row(2)],
+        )
+    }
 
-impl CurvedMap<'_> {
+    /// The world point at `xi` by the continued map, and d xi / d x there.
+    #[inline(always)]
+    pub fn point_and_inverse<T: Number>(&self, xi: [T; 3]) -> ([T; 3], Matrix<T>) {
+        let inside = clamp_row(self.shape, xi);
+        let (from, jacobian) = self.evaluate(inside);
+        let point = product(jacobian, difference(xi, inside), from);
+        (point, inverse(jacobian))
+    }
+
     /// Refines an estimate `at` of the preimage of `x`, and the estimate `inverse` of d xi / d x, by one Newton step.
     #[inline(always)]
     pub fn refine<T: Number>(
@@ -126,7 +170,7 @@ impl CurvedMap<'_> {
     /// A Newton step towards `x` from `at`, a point of the closed cell.
     #[inline(always)]
     fn step<T: Number>(&self, x: [T; 3], at: [T; 3]) -> Step<T> {
-        let (from, jacobian) = self.polynomial.evaluate(at);
+        let (from, jacobian) = self.evaluate(at);
         let inverse = inverse(jacobian);
         Step {
             from,
@@ -134,180 +178,62 @@ impl CurvedMap<'_> {
             inverse,
         }
     }
-}
 
-/// Finds preimages in one element; `None` for points that do not converge in [`MAX_STEPS`].
-struct PreimagesKernel<'a> {
-    map: CurvedMap<'a>,
-    local_map: &'a mut LocalMap,
-    for_f32: bool,
-    points: &'a [Vec3],
-    found: &'a mut Vec<Option<Preimage>>,
-}
-
-impl SimdKernel for PreimagesKernel<'_> {
-    type Output = ();
-
+    /// Newton's method for a row of points from an estimate of their preimages, for values in single precision, until
+    /// the points of `needed`, a bit each, have converged. Where the map is singular they do not.
     #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) {
-        for points in self.points.chunks(4) {
-            let four = rows(lanes, points);
-            let mut preimages = [None; 4];
-            self.map
-                .preimages_of_row(four, self.local_map, self.for_f32, &mut preimages);
-            if let Some(preimage) = &preimages[0] {
-                *self.local_map = self.local_map.recentred(points[0], preimage);
-            }
-            self.found.extend(&preimages[..points.len()]);
-        }
-    }
-}
-
-impl CurvedMap<'_> {
-    /// The preimages of points, estimated from the first of the previous four.
-    pub fn preimages(
+    pub fn preimages<L: Lanes>(
         &self,
-        local_map: &mut LocalMap,
-        for_f32: bool,
-        points: &[Vec3],
-        found: &mut Vec<Option<Preimage>>,
-    ) {
-        let map = *self;
-        simd::run(PreimagesKernel {
-            map,
-            local_map,
-            for_f32,
-            points,
-            found,
-        });
-    }
-
-    /// The preimages of four points by Newton steps from the local map's estimates. `None` stays where these do not
-    /// converge, or the map is singular.
-    #[inline(always)]
-    fn preimages_of_row<L: Lanes>(
-        &self,
-        x: [Four<L>; 3],
-        local_map: &LocalMap,
-        for_f32: bool,
-        preimages: &mut [Option<Preimage>; 4],
-    ) {
-        let mut at = clamp_row(self.shape, local_map.estimate_row(x));
-        for _ in 0..MAX_STEPS {
+        x: [Eight<L>; 3],
+        estimate: [Eight<L>; 3],
+        needed: u8,
+    ) -> StepRow<Eight<L>> {
+        let mut at = clamp_row(self.shape, estimate);
+        let mut steps = 0;
+        loop {
             let step = self.step(x, at);
             let next = clamp_row(self.shape, step.xi);
-            let face_distance = face_distance_row(self.shape, step.xi).row();
+            let face_distance = face_distance_row(self.shape, step.xi);
             let [a, b, c] = difference(next, at);
-            let moved = a.abs().max(b.abs()).max(c.abs()).row();
-            let mut converged = [false; 4];
-            for n in 0..4 {
-                converged[n] =
-                    preimages[n].is_none() && has_converged(moved[n], face_distance[n], for_f32);
-            }
-            if converged.contains(&true) {
-                let rest = difference(x, step.from);
-                let outside_distance = dot(rest, rest, x[0].splat(0.0)).sqrt().row();
-                let (xi, inverse) = (to_arrays(step.xi), matrix_to_arrays(step.inverse));
-                // Where the map is singular there is no preimage.
-                let is_found = |n: usize| xi.iter().all(|row| row[n].is_finite());
-                for n in (0..4).filter(|&n| converged[n] && is_found(n)) {
-                    preimages[n] = Some(Preimage {
-                        xi: Vec3::from_fn(|r, _| xi[r][n]),
-                        inverse: Mat3::from_fn(|r, c| inverse[r][c][n]),
-                        face_distance: face_distance[n],
-                        outside_distance: if face_distance[n] > 0.0 {
-                            outside_distance[n]
-                        } else {
-                            0.0
-                        },
-                    });
-                }
-                if preimages.iter().all(Option::is_some) {
-                    return;
-                }
+            let moved = a.abs().max(b.abs()).max(c.abs());
+            let converged = moved.bits_below(convergence_tolerance(face_distance, true));
+            steps += 1;
+            if needed & !converged == 0 || steps == MAX_STEPS {
+                return StepRow {
+                    step,
+                    face_distance,
+                    converged,
+                };
             }
             at = next;
         }
     }
-}
 
-/// Half the second derivatives of xi by x at a point: xx, yy, zz, and the whole mixed ones xy, yz, zx.
-struct SecondDerivativesKernel<'a> {
-    map: CurvedMap<'a>,
-    at: Vec3,
-    inverse: &'a Mat3,
-}
-
-impl SimdKernel for SecondDerivativesKernel<'_> {
-    type Output = [Vec3; 6];
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) -> [Vec3; 6] {
+    /// [`LocalMap::second_derivatives`](super::local_map::LocalMap::second_derivatives) at a reference point, from
+    /// d xi / d x there; none if the map is no polynomial.
+    pub fn second_derivatives(&self, at: Vec3, inverse: &Mat3) -> Option<[Vec3; 6]> {
         // Central differences are exact: the Jacobian has at most degree 2 in each coordinate.
         const DIFFERENCE_STEP: f64 = 0.25;
-        let a = self.inverse;
-        // -d a / d x, one matrix for each coordinate of x.
+        let polynomial = self.polynomial?;
+        let jacobian = |at: Vec3| {
+            let [x, y, z] = polynomial.evaluate::<f64>(at.into()).1;
+            Mat3::from_rows(&[x.into(), y.into(), z.into()])
+        };
+        // -d J^-1 / d x_j = J^-1 sum_i (d J / d xi_i) (J^-1)_ij J^-1, one matrix for each coordinate of x.
         let mut changes = [Mat3::zeros(); 3];
-        for (axes, count) in [([0, 1], 2), ([2, 2], 1)] {
-            let (p, q) = (
-                Vec3::ith(axes[0], DIFFERENCE_STEP),
-                Vec3::ith(axes[1], DIFFERENCE_STEP),
-            );
-            let points = [self.at + p, self.at - p, self.at + q, self.at - q];
-            let (_, jacobian) = self.map.polynomial.evaluate(rows(lanes, &points));
-            let j = matrix_to_arrays(jacobian);
-            for (n, &axis) in axes.iter().enumerate().take(count) {
-                let slope = Mat3::from_fn(|r, c| {
-                    (j[r][c][2 * n] - j[r][c][2 * n + 1]) / (2.0 * DIFFERENCE_STEP)
-                });
-                let rate = a * slope * a;
-                for (column, change) in changes.iter_mut().enumerate() {
-                    *change += rate * a[(axis, column)];
-                }
+        for axis in 0..3 {
+            let away = Vec3::ith(axis, DIFFERENCE_STEP);
+            let slope = (jacobian(at + away) - jacobian(at - away)) / (2.0 * DIFFERENCE_STEP);
+            let rate = inverse * slope * inverse;
+            for (column, change) in changes.iter_mut().enumerate() {
+                *change += rate * inverse[(axis, column)];
             }
         }
-        [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)].map(|(i, j)| {
-            let second: Vec3 = -changes[i].column(j);
-            if i == j { second / 2.0 } else { second }
-        })
-    }
-}
-
-impl CurvedMap<'_> {
-    /// [`LocalMap::second_derivatives`] at a reference point.
-    pub fn second_derivatives(&self, at: Vec3, inverse: &Mat3) -> [Vec3; 6] {
-        simd::run(SecondDerivativesKernel {
-            map: *self,
-            at,
-            inverse,
-        })
-    }
-}
-
-/// The distance of a local map's estimates from the results of a Newton step, for four points.
-struct LocalMapErrorKernel<'a>(CurvedMap<'a>, &'a LocalMap, [Vec3; 4]);
-
-impl SimdKernel for LocalMapErrorKernel<'_> {
-    type Output = f64;
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) -> f64 {
-        let Self(map, local_map, points) = self;
-        let x: [Four<L>; 3] = rows(lanes, &points);
-        let estimate = local_map.estimate_row(x);
-        let step = map.step(x, clamp_row(map.shape, estimate));
-        let [a, b, c] = difference(step.xi, estimate);
-        let errors = a.abs().max(b.abs()).max(c.abs()).row();
-        // NaN counts as the greatest error.
-        errors
-            .into_iter()
-            .fold(0.0, |m, v| if v <= m { m } else { v })
-    }
-}
-
-impl CurvedMap<'_> {
-    /// The greatest error of a local map at four points of the element, reference units.
-    pub fn error(&self, local_map: &LocalMap, points: [Vec3; 4]) -> f64 {
-        simd::run(LocalMapErrorKernel(*self, local_map, points))
+        Some(
+            [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)].map(|(i, j)| {
+                let second: Vec3 = -changes[i].column(j);
+                if i == j { second / 2.0 } else { second }
+            }),
+        )
     }
 }

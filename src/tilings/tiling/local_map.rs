@@ -6,10 +6,10 @@
 // are not: no SIMD arithmetic is written in them.
 #![allow(clippy::inline_always)]
 
-use super::inverse_map::{Matrix, product, rows};
+use super::inverse_map::{CurvedMap, Matrix, product};
 use super::patch::Preimage;
-use druse_geometry::frame::{CellPoint, Mat3, Vec3};
-use druse_geometry::simd::{self, Lanes, Number, SimdKernel, difference, splat_vector};
+use druse_geometry::frame::{Mat3, Vec3};
+use druse_geometry::simd::{Number, difference, splat_vector};
 
 /// The expansion of xi(x) about a point: Newton's method for nearby points starts from it.
 #[derive(Clone, Copy)]
@@ -35,6 +35,15 @@ impl LocalMap {
         }
     }
 
+    /// The same with second derivatives, which change little from point to point: known ones are kept.
+    pub fn with_second_derivatives(self, map: CurvedMap) -> Self {
+        let known = self.second_derivatives;
+        Self {
+            second_derivatives: known.or_else(|| map.second_derivatives(self.xi, &self.inverse)),
+            ..self
+        }
+    }
+
     /// xi at a row of points.
     #[inline(always)]
     pub fn estimate_row<T: Number>(&self, x: [T; 3]) -> [T; 3] {
@@ -54,29 +63,6 @@ impl LocalMap {
         xi
     }
 
-    /// d xi / d x at a row of points. Row i holds the derivatives of coordinate i of xi.
-    #[inline(always)]
-    pub fn inverse_jacobian_row<T: Number>(&self, x: [T; 3]) -> Matrix<T> {
-        // The second derivatives that change each column along x, y and z.
-        const SECOND_DERIVATIVES: [[usize; 3]; 3] = [[0, 3, 5], [3, 1, 4], [5, 4, 2]];
-        let lane = x[0];
-        let mut inverse = self.inverse_rows(lane);
-        let Some(derivatives) = &self.second_derivatives else {
-            return inverse;
-        };
-        let d = difference(x, splat_vector(lane, self.x));
-        for (column, indices) in SECOND_DERIVATIVES.iter().enumerate() {
-            for (axis, (&n, d)) in indices.iter().zip(d).enumerate() {
-                let d = if axis == column { d + d } else { d };
-                for (row, derivative) in inverse.iter_mut().zip(splat_vector(lane, derivatives[n]))
-                {
-                    row[column] = d.fused(derivative, row[column]);
-                }
-            }
-        }
-        inverse
-    }
-
     /// d xi / d x at the centre of the expansion, by rows.
     #[inline(always)]
     pub fn inverse_rows<T: Number>(&self, lane: T) -> Matrix<T> {
@@ -91,32 +77,5 @@ impl LocalMap {
     /// xi at a point.
     pub fn estimate(&self, x: Vec3) -> Vec3 {
         self.estimate_row::<f64>(x.into()).into()
-    }
-
-    /// Appends xi at each point to `found`.
-    pub fn estimate_all(&self, points: &[Vec3], found: &mut Vec<CellPoint<3>>) {
-        simd::run(EstimateKernel(self, points, found));
-    }
-}
-
-struct EstimateKernel<'a>(&'a LocalMap, &'a [Vec3], &'a mut Vec<CellPoint<3>>);
-
-impl SimdKernel for EstimateKernel<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) {
-        let Self(local_map, points, found) = self;
-        for points in points.chunks(4) {
-            let [x, y, z] = local_map.estimate_row(rows(lanes, points));
-            let (x, y, z) = (x.row(), y.row(), z.row());
-            let all = [
-                CellPoint(Vec3::new(x[0], y[0], z[0])),
-                CellPoint(Vec3::new(x[1], y[1], z[1])),
-                CellPoint(Vec3::new(x[2], y[2], z[2])),
-                CellPoint(Vec3::new(x[3], y[3], z[3])),
-            ];
-            found.extend_from_slice(&all[..points.len()]);
-        }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::boundary::RegionFacts;
 use super::local_map::LocalMap;
-use super::patch::{FACE_TOLERANCE, InverseOptions, Patch, Preimage, Preimages};
+use super::patch::{FACE_TOLERANCE, InverseOptions, Patch, Preimage};
 use super::{Distance, TiledSolid, TilingOptions};
 use druse_geometry::frame::{Aabb, Vec3};
 use std::cell::Cell;
@@ -33,15 +33,6 @@ pub(super) struct NearElements {
     slope_sup_anywhere: f64,
 }
 
-impl NearElements {
-    /// Copies `other`, reusing the allocation.
-    fn copy(&mut self, other: &Self) {
-        let patches = std::mem::take(&mut self.patches);
-        *self = Self { patches, ..*other };
-        self.patches.clone_from(&other.patches);
-    }
-}
-
 /// The elements near a box, with the local maps of recent points as starts of Newton's method. They change
 /// the cost of a search, and its result only by rounding.
 #[derive(Default)]
@@ -53,8 +44,6 @@ pub(super) struct LocalSearch {
     local_maps: Vec<Cell<Option<LocalMap>>>,
     /// Whether positions are needed for values in single precision only.
     for_f32: bool,
-    /// The previous list of elements, with its local maps.
-    previous: (Vec<u32>, Vec<Cell<Option<LocalMap>>>),
 }
 
 /// The element that owns a point: its index among the near elements, and the point's preimage in it.
@@ -62,14 +51,6 @@ pub(super) struct LocalSearch {
 pub(super) struct Owner {
     pub near_index: usize,
     pub preimage: Preimage,
-}
-
-/// Buffers for finding the owners of many points.
-#[derive(Default)]
-pub(super) struct OwnerBuffers {
-    open: Vec<u32>,
-    at: Vec<Vec3>,
-    found: Preimages,
 }
 
 impl LocalSearch {
@@ -80,21 +61,6 @@ impl LocalSearch {
             local_maps,
             ..Self::default()
         }
-    }
-
-    /// Starts over with other elements. Nothing is kept: earlier points must not affect even the last bits.
-    pub fn reset(&mut self, near: &NearElements) {
-        self.near.copy(near);
-        self.last = None;
-        self.for_f32 = false;
-        self.local_maps.clear();
-        self.local_maps.resize(near.patches.len(), Cell::new(None));
-    }
-
-    /// Starts over without elements, to be filled by [`TiledSolid::restrict`], for values in single precision.
-    pub fn reset_for_f32(&mut self) {
-        self.reset(&NearElements::default());
-        self.for_f32 = true;
     }
 
     /// The local map from which the next point of an element is estimated.
@@ -189,21 +155,15 @@ impl TiledSolid<'_> {
         self.find_slopes(near);
     }
 
-    /// As [`Self::filter_near`], keeping the local maps of elements that remain.
+    /// Starts `local` over with the elements of a wider list that may be near a point of `region`, for values in single
+    /// precision. Nothing else is kept: earlier points must not affect even the last bits.
     pub(super) fn restrict(&self, wider: &NearElements, region: &Aabb, local: &mut LocalSearch) {
-        let LocalSearch {
-            near,
-            local_maps,
-            previous,
-            ..
-        } = local;
-        std::mem::swap(&mut near.patches, &mut previous.0);
-        std::mem::swap(local_maps, &mut previous.1);
-        self.filter_near(wider, region, near);
-        // A local map is useful for nearby points too.
-        let known = |e| previous.1[previous.0.binary_search(e).ok()?].get();
-        local_maps.clear();
-        local_maps.extend(near.patches.iter().map(|e| Cell::new(known(e))));
+        self.filter_near(wider, region, &mut local.near);
+        local.last = None;
+        local.for_f32 = true;
+        local.local_maps.clear();
+        let count = local.near.patches.len();
+        local.local_maps.resize(count, Cell::new(None));
     }
 
     pub(super) fn patch(&self, local: &LocalSearch, near_index: usize) -> &Patch {
@@ -230,87 +190,6 @@ impl TiledSolid<'_> {
         )?;
         local.store_preimage(near_index, patch, x, &preimage);
         Some(preimage)
-    }
-
-    /// The preimages of the points that may be less than `margin` outside one of the near elements.
-    pub(super) fn preimages(
-        &self,
-        local: &LocalSearch,
-        near_index: usize,
-        points: (&[Vec3], f64),
-        preimages: &mut Preimages,
-    ) {
-        let patch = self.patch(local, near_index);
-        let mut local_map = local.local_map(near_index, patch);
-        patch.preimages(
-            self.scaffold,
-            points,
-            (&mut local_map, local.for_f32),
-            preimages,
-        );
-        if !patch.is_affine() {
-            local.local_maps[near_index].set(Some(local_map));
-        }
-    }
-
-    /// Stores the local map, with second derivatives, at a point with a known preimage.
-    pub(super) fn store_local_map(
-        &self,
-        local: &LocalSearch,
-        near_index: usize,
-        x: Vec3,
-        preimage: &Preimage,
-    ) -> LocalMap {
-        let local_map = self
-            .patch(local, near_index)
-            .local_map(self.scaffold, x, preimage);
-        local.local_maps[near_index].set(Some(local_map));
-        local_map
-    }
-
-    /// Finds the owners of points, as [`Self::owner`] does.
-    pub(super) fn owners(
-        &self,
-        local: &mut LocalSearch,
-        points: &[Vec3],
-        owner_buffers: &mut OwnerBuffers,
-        owners: &mut Vec<Option<Owner>>,
-    ) {
-        owners.clear();
-        owners.resize(points.len(), None);
-        let OwnerBuffers { open, at, found } = owner_buffers;
-        open.clear();
-        open.extend(0..points.len() as u32);
-        at.clear();
-        at.extend(points);
-        let margin = points.iter().map(|&x| self.rounding(x)).fold(0.0, f64::max);
-        let near = &local.near.patches;
-        let last = local.last.and_then(|n| near.binary_search(&n).ok());
-        // No other element contains a point well inside the last owner.
-        let first = last.map(|near_index| (near_index, -FACE_TOLERANCE));
-        for (near_index, most) in first
-            .into_iter()
-            .chain((0..near.len()).map(|p| (p, FACE_TOLERANCE)))
-        {
-            if open.is_empty() {
-                break;
-            }
-            self.preimages(local, near_index, (at, margin), found);
-            let mut is_owner = false;
-            for (n, &preimage) in found.found().filter(|(_, s)| s.face_distance <= most) {
-                owners[open[n as usize] as usize] = Some(Owner {
-                    near_index,
-                    preimage,
-                });
-                is_owner = true;
-            }
-            if is_owner {
-                local.last = Some(local.near.patches[near_index]);
-                open.retain(|&n| owners[n as usize].is_none());
-                at.clear();
-                at.extend(open.iter().map(|&n| points[n as usize]));
-            }
-        }
     }
 
     /// Bound of the distance by which rounding can move a point out of its element.

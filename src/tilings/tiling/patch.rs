@@ -6,9 +6,9 @@
 
 use super::Filling;
 use super::boundary_distance::BoundingPlanes;
-use super::inverse_map::CurvedMap;
+use super::inverse_map::{CurvedMap, convergence_tolerance};
 use super::local_map::LocalMap;
-use super::newton_distance::{self, FirstStep, StepLimits, StepStarts};
+use super::newton_distance::{StepLimits, StepMap};
 use crate::scaffold::Scaffold;
 use druse_geometry::frame::{CellPoint, Element, Mat3, Vec3};
 use std::sync::OnceLock;
@@ -67,28 +67,10 @@ pub(super) struct Preimage {
     pub outside_distance: f64,
 }
 
-/// The preimages of some points of a list in one element.
-#[derive(Default)]
-pub(super) struct Preimages {
-    /// Indices of these points in the list, ascending.
-    indices: Vec<u32>,
-    /// `None` where Newton's method failed.
-    pub all: Vec<Option<Preimage>>,
-    at: Vec<Vec3>,
-}
-
 /// The reference vertices, computed once for each of the seven shapes.
 fn vertices(shape: Element) -> &'static [Vec3] {
     static ALL: [OnceLock<Vec<Vec3>>; 7] = [const { OnceLock::new() }; 7];
     ALL[shape as usize].get_or_init(|| shape.vertices())
-}
-
-impl Preimages {
-    /// Indices and preimages of the points that were found.
-    pub fn found(&self) -> impl Iterator<Item = (u32, &Preimage)> {
-        let both = self.indices.iter().zip(&self.all);
-        both.filter_map(|(&n, preimage)| Some((n, preimage.as_ref()?)))
-    }
 }
 
 impl Patch {
@@ -200,73 +182,20 @@ impl Patch {
         (preimage.face_distance < -FACE_TOLERANCE).then_some(preimage)
     }
 
-    /// Writes the preimages of the points that may be less than `margin` world units outside to `found`. They are found
-    /// four at a time; each four start from the local map at the first of the previous four. `for_f32` is that of
-    /// [`InverseOptions`]. `points` are world positions; `local_map` is moved along with them.
-    pub fn preimages(
-        &self,
-        scaffold: &Scaffold,
-        (points, margin): (&[Vec3], f64),
-        (local_map, for_f32): (&mut LocalMap, bool),
-        found: &mut Preimages,
-    ) {
-        let Preimages { indices, at, all } = found;
-        indices.clear();
-        at.clear();
-        all.clear();
-        let affine = self.affine();
-        // Affine elements are inverted at once, from the distance m that the planes give.
-        self.planes.for_each_within(points, margin, |n, m| {
-            indices.push(n as u32);
-            match affine {
-                Some((matrix, centre)) => {
-                    let xi = matrix * (points[n] - centre);
-                    all.push(Some(self.preimage_of(xi, *matrix, m)));
-                }
-                None => at.push(points[n]),
-            }
-        });
-        if affine.is_some() {
-            return;
-        }
-        match self.curved_map(scaffold) {
-            Some(map) => map.preimages(local_map, for_f32, at, all),
-            None => all.resize(at.len(), None),
-        }
-        // Newton's method failed from the local map: other starts, one point at a time.
-        for (&x, preimage) in at.iter().zip(all).filter(|(_, s)| s.is_none()) {
-            let start = Some(local_map.estimate(x));
-            *preimage = self.preimage(
-                scaffold,
-                x,
-                f64::INFINITY,
-                InverseOptions { start, for_f32 },
-            );
-            if let Some(preimage) = preimage {
-                *local_map = local_map.recentred(x, preimage);
-            }
-        }
-    }
-
     /// The bounding planes of the element.
     pub fn planes(&self) -> &BoundingPlanes {
         &self.planes
     }
 
-    /// d xi / d x and the centre of an affine element.
-    fn affine(&self) -> Option<(&Mat3, &Vec3)> {
-        match &self.inverse {
-            Inverse::Affine { matrix, centre } => Some((matrix, centre)),
-            Inverse::Curved { .. } => None,
-        }
+    /// The map of a curved element.
+    pub fn curved_map<'a>(&self, scaffold: &'a Scaffold) -> Option<CurvedMap<'a>> {
+        (!self.is_affine()).then(|| CurvedMap::new(scaffold.element(self.number)))
     }
 
-    /// The polynomial map for Newton's method on four points at a time, if there is one.
-    fn curved_map<'a>(&self, scaffold: &'a Scaffold) -> Option<CurvedMap<'a>> {
-        Some(CurvedMap {
-            polynomial: scaffold.element(self.number).polynomial()?,
-            shape: self.shape,
-        })
+    /// The map for the ends of Newton steps.
+    pub fn step_map<'a>(&self, scaffold: &'a Scaffold) -> StepMap<'a> {
+        self.curved_map(scaffold)
+            .map_or_else(|| StepMap::Affine(self.origin_map()), StepMap::Curved)
     }
 
     /// The affine map at the reference origin: the start where no local map is known.
@@ -306,16 +235,6 @@ impl Patch {
             .unwrap_or_else(|| self.affine_preimage(x))
     }
 
-    /// The point at reference coordinates in the closed cell, and its preimage.
-    pub fn at(&self, scaffold: &Scaffold, xi: Vec3) -> (Vec3, Preimage) {
-        let (point, jacobian) = self.point_and_jacobian(scaffold, xi);
-        let preimage = match (&self.inverse, jacobian.try_inverse()) {
-            (Inverse::Curved { .. }, Some(inverse)) => self.preimage_of(xi, inverse, 0.0),
-            _ => self.preimage_or_affine(scaffold, point),
-        };
-        (point, preimage)
-    }
-
     /// Newton's method for the continued map, from `estimate`, reference coordinates. Each step starts at a point of
     /// the closed cell; the last one may end outside, where the map is continued linearly. `None` after 40 steps or at
     /// a singular Jacobian.
@@ -341,7 +260,7 @@ impl Patch {
                 xi
             };
             let moved = (next - at).amax();
-            if has_converged(moved, face_distance, for_f32) {
+            if moved < convergence_tolerance(face_distance, for_f32) {
                 let outside_distance = if face_distance > 0.0 {
                     (x - p.0).norm()
                 } else {
@@ -372,89 +291,9 @@ impl Patch {
         }
     }
 
-    /// The first Newton step of points of the element towards the zero set. `first_steps` has an entry for each four
-    /// points.
-    pub fn take_first_step(
-        &self,
-        scaffold: &Scaffold,
-        limits: StepLimits,
-        starts: StepStarts,
-        first_steps: &mut [FirstStep],
-    ) {
-        // Affine and polynomial maps take the steps four at a time; the others follow here, point by point.
-        let map = self.curved_map(scaffold);
-        if self.is_affine() || map.is_some() {
-            return newton_distance::take_first_step(limits, map, starts, first_steps);
-        }
-        let StepStarts {
-            x,
-            at,
-            inverses,
-            slopes,
-        } = starts;
-        let again = StepStarts {
-            x,
-            at: &mut *at,
-            inverses,
-            slopes,
-        };
-        // Pyramids that are not affine: the step by the affine estimate, then a correction of each point.
-        newton_distance::take_first_step(limits, None, again, &mut *first_steps);
-        for (n, at) in at.iter_mut().enumerate() {
-            let (first_step, lane) = (&mut first_steps[n / 4], n % 4);
-            let end = x[n] + Vec3::from_fn(|r, _| first_step.step[r][lane]);
-            // One Newton step, from the clamped point so that the Jacobian is regular.
-            let from = self.clamp(at.0);
-            let (p, jacobian) = self.point_and_jacobian(scaffold, from);
-            if let Some(inverse) = jacobian.try_inverse() {
-                at.0 = from + inverse * (end - p);
-                for (r, c) in (0..3).flat_map(|r| (0..3).map(move |c| (r, c))) {
-                    first_step.inverse[r][c][lane] = inverse[(r, c)];
-                }
-            }
-        }
-    }
-
     /// Limits of the Newton steps in the element.
     pub fn limits(&self, half_width: f64, voxel_size: f64) -> StepLimits {
         StepLimits::new(self.slope_rms, self.slope_sup, half_width, voxel_size)
-    }
-
-    /// Bound of the error, in reference units, of a local map at four points; 0 in affine elements, infinite in other
-    /// pyramids, whose map is no polynomial.
-    pub fn local_map_error(
-        &self,
-        scaffold: &Scaffold,
-        local_map: &LocalMap,
-        points: [Vec3; 4],
-    ) -> f64 {
-        if self.is_affine() {
-            return 0.0;
-        }
-        self.curved_map(scaffold)
-            .map_or(f64::INFINITY, |map| map.error(local_map, points))
-    }
-
-    /// The local map at a point with a known preimage.
-    pub fn local_map(&self, scaffold: &Scaffold, x: Vec3, preimage: &Preimage) -> LocalMap {
-        let (xi, inverse) = (preimage.xi, preimage.inverse);
-        LocalMap {
-            x,
-            xi,
-            inverse,
-            second_derivatives: self
-                .curved_map(scaffold)
-                .map(|c| c.second_derivatives(xi, &inverse)),
-        }
-    }
-
-    /// [`Self::depth`] of a point `x` whose reference coordinates are known.
-    pub fn depth_at(&self, x: Vec3, xi: Vec3) -> f64 {
-        let depth = match &self.inverse {
-            Inverse::Affine { .. } => -self.planes.outside_distance::<f64>(x.into()),
-            Inverse::Curved { .. } => -self.shape.face_distance(CellPoint(xi)) * self.least_stretch,
-        };
-        depth.max(0.0)
     }
 
     /// Its number in the scaffold.
@@ -481,6 +320,11 @@ impl Patch {
         1.0 / self.least_stretch
     }
 
+    /// The least world length per reference length.
+    pub fn least_stretch(&self) -> f64 {
+        self.least_stretch
+    }
+
     /// Whether the map is affine.
     #[inline]
     pub fn is_affine(&self) -> bool {
@@ -490,15 +334,4 @@ impl Patch {
     pub fn shape(&self) -> Element {
         self.shape
     }
-}
-
-/// Whether Newton's method has converged, from the last step (`moved`, in the closed cell) and the distance
-/// of the point outside the cell. Inside, convergence is quadratic: the next step would be about the square
-/// of this one. Outside it is linear: each step is a small fraction (curvature times distance) of the
-/// previous one. On the faces the last digit decides which element owns a point.
-pub(super) fn has_converged(moved: f64, face_distance: f64, for_f32: bool) -> bool {
-    // Far outside, a single-precision value does not show the error.
-    let is_far = for_f32 && face_distance > 1e-3;
-    let needs_full_precision = face_distance > 0.0 && !is_far;
-    moved < if needs_full_precision { 1e-9 } else { 1e-6 }
 }

@@ -5,10 +5,12 @@
 //! boxes that bounds may decide as a whole.
 
 use crate::tiling::boundary::RegionFacts;
-use crate::tiling::fill::BLOCK_EDGE;
 use crate::tiling::locality::NearElements;
 use druse_geometry::field::{Interval, Point, SampleLattice, ValueLimits};
 use druse_geometry::frame::{Vec3, WorldPoint};
+
+/// Samples along the edge of a block; parts are made of blocks.
+pub(super) const BLOCK_EDGE: usize = 2;
 
 // The masks of eight bits, the offsets of one bit and the spans of two ends hold for this edge only.
 const _: () = assert!(BLOCK_EDGE == 2);
@@ -55,6 +57,8 @@ pub(super) struct Block {
 pub(super) struct Part {
     /// Whether the part is so far inside the boundary of the scaffold that the boundary has no effect.
     pub is_deep: bool,
+    /// Whether the part lies outside the boundary.
+    pub is_outside: bool,
     /// Greatest distance of a point of the part to the boundary.
     pub max_boundary_distance: f64,
     /// Greatest distance from the part of the points at which the field is evaluated for its samples.
@@ -71,6 +75,8 @@ pub(super) struct FillContext<'a> {
     pub component: usize,
     /// The elements that may affect the lattice or the part.
     pub near: &'a NearElements,
+    /// Whether all of them are affine.
+    pub is_affine: bool,
     /// The positions of the samples.
     pub lattice: &'a SampleLattice<WorldPoint>,
     /// The limits of the samples, where not all distances in the band are needed.

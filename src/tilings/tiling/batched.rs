@@ -16,29 +16,31 @@
 mod block;
 mod distances;
 mod exterior;
+mod locate;
 mod newton_steps;
 mod rule;
 mod sample_batch;
 
 use super::TiledSolid;
 use super::boundary::RegionFacts;
-use super::fill::{BLOCK_EDGE, FillRequest, PartOfLattice, parts};
-use super::locality::{NEIGHBOUR_DISTANCE, NearElements, near_surface_distance};
-use block::{BLOCK_VOLUME, Block, BlockSpan, FillContext, Part, sample_offset};
+use super::fill::{FillRequest, PartOfLattice, parts};
+use super::locality::{LocalSearch, NEIGHBOUR_DISTANCE, NearElements, near_surface_distance};
+use block::{BLOCK_EDGE, BLOCK_VOLUME, Block, BlockSpan, FillContext, Part, sample_offset};
 use druse_geometry::field::Interval;
 use druse_geometry::frame::Vec3;
 use exterior::{ExteriorSample, GAP_TOLERANCE};
+pub(super) use locate::PointLocations;
 use rule::BatchEvaluation;
 use sample_batch::{MAX_SAMPLES, SampleBatch, bits};
 
 /// With more near elements than this, each part of a lattice has its own list of candidates.
 const MAX_SHARED_CANDIDATES: usize = 24;
-/// With more near elements than this, batches are not used: their data take 2 KiB for each element.
-pub(super) const MAX_BATCHED_ELEMENTS: usize = 1024;
+/// With more elements than this near a part, batches are not used: their data take 3 KiB for each element.
+const MAX_BATCHED_ELEMENTS: usize = 1024;
 
 /// Buffers, reused from lattice to lattice.
 #[derive(Default)]
-pub(super) struct AffineBuffers {
+pub(super) struct BatchBuffers {
     parts: Vec<Part>,
     blocks: Vec<Block>,
     batch: SampleBatch,
@@ -61,11 +63,14 @@ pub(super) struct AffineBuffers {
     pub evaluations: u64,
 }
 
-impl AffineBuffers {
-    fn clear(&mut self) {
+impl BatchBuffers {
+    /// Starts over with these near elements.
+    fn start(&mut self, near: &NearElements) {
         self.parts.clear();
         self.blocks.clear();
         self.part_triangles.clear();
+        self.centres.start(near);
+        self.samples.start(near);
     }
 
     /// Whether it is proved that all samples out of the band have the sign of their neighbours.
@@ -76,17 +81,17 @@ impl AffineBuffers {
 
 impl TiledSolid<'_> {
     /// Whether all near elements are affine.
-    pub(super) fn are_affine(&self, near: &NearElements) -> bool {
+    fn are_affine(&self, near: &NearElements) -> bool {
         let mut all = near.patches.iter();
         all.all(|&e| self.patches[e as usize].is_affine())
     }
 
-    /// The field at the points that are in exactly one element, `None` at others; all near elements must be affine.
+    /// The field at the points that are in exactly one element, `None` at others.
     pub(super) fn field_at<const N: usize>(
         &self,
         near: &NearElements,
         points: [Vec3; N],
-        buffers: &mut AffineBuffers,
+        buffers: &mut BatchBuffers,
     ) -> [Option<f64>; N] {
         let mut values = [0.0; MAX_SAMPLES];
         buffers.batch.clear();
@@ -94,24 +99,27 @@ impl TiledSolid<'_> {
             buffers.batch.push(x.into());
         }
         buffers.batch.fill_up();
-        let patches = near.patches.iter().map(|&e| &self.patches[e as usize]);
-        buffers
-            .centres
-            .locate(patches, &buffers.batch, self.delta());
+        buffers.centres.start(near);
+        self.locate(
+            near,
+            0..near.patches.len() as u32,
+            &buffers.batch,
+            &mut buffers.centres,
+        );
         self.evaluate_owned(near, &mut buffers.centres, &mut values);
         // Points in several elements or in none have no single value here: they come back as `None`.
         let single = buffers.centres.single;
         std::array::from_fn(|n| (single >> n & 1 != 0).then_some(values[n % MAX_SAMPLES]))
     }
 
-    /// Values of one component among affine elements, cut at its boundary; `depth` bounds the distance to it.
-    pub(super) fn fill_affine(
+    /// Values of one component, cut at its boundary; `depth` bounds the distance to it.
+    pub(super) fn fill_batched(
         &self,
         component: usize,
         near: &NearElements,
         request: &FillRequest,
         (depth, boundary_triangles): (Interval, Option<&[u32]>),
-        buffers: &mut AffineBuffers,
+        buffers: &mut BatchBuffers,
         out: &mut [f32],
     ) {
         let FillRequest { lattice, limits } = *request;
@@ -125,6 +133,7 @@ impl TiledSolid<'_> {
         let whole = FillContext {
             component,
             near,
+            is_affine: self.are_affine(near),
             lattice,
             limits,
             boundary_triangles,
@@ -137,7 +146,7 @@ impl TiledSolid<'_> {
         };
         // Few elements: all parts share them, so that batches of 64 points fill across parts.
         if near.patches.len() <= MAX_SHARED_CANDIDATES {
-            buffers.clear();
+            buffers.start(near);
             for part in parts(lattice) {
                 let Some(wanted) = request.wanted_in(&part, self.options.half_width) else {
                     continue;
@@ -155,10 +164,14 @@ impl TiledSolid<'_> {
             let Some(wanted) = request.wanted_in(&part, self.options.half_width) else {
                 continue;
             };
-            buffers.clear();
             let own = self.part_depth(&whole, &part, depth);
             let region = part.span(lattice).dilated(self.continuation_reach(own.hi));
             self.filter_near(near, &region, &mut candidates);
+            if candidates.patches.len() > MAX_BATCHED_ELEMENTS {
+                self.fill_one_by_one(&whole, &part, &candidates, buffers, out);
+                continue;
+            }
+            buffers.start(&candidates);
             let context = FillContext {
                 near: &candidates,
                 ..whole
@@ -170,15 +183,31 @@ impl TiledSolid<'_> {
         buffers.block_spans = block_spans;
     }
 
+    /// Values of a part near very many elements, point by point.
+    fn fill_one_by_one(
+        &self,
+        context: &FillContext,
+        part: &PartOfLattice,
+        near: &NearElements,
+        buffers: &mut BatchBuffers,
+        out: &mut [f32],
+    ) {
+        buffers.has_unproved_sign = true;
+        let mut local = LocalSearch::new(near.clone());
+        for n in part.indices(context.lattice) {
+            if context.limits.is_none_or(|l| l.is_needed(n)) {
+                let x = context.lattice.point(n).0;
+                out[n] =
+                    self.value_at(context.component, &mut local, x, RegionFacts::UNKNOWN) as f32;
+                buffers.evaluations += 1;
+            }
+        }
+    }
+
     /// Starts the proof that samples out of the band have the sign of their neighbours. It requires that all of
     /// them lie deep in the scaffold. Then |F| changes less between neighbours than the bound that puts a block
     /// or a sample out of the band.
-    fn start_sign_proof(
-        &self,
-        request: &FillRequest,
-        depth: Interval,
-        buffers: &mut AffineBuffers,
-    ) {
+    fn start_sign_proof(&self, request: &FillRequest, depth: Interval, buffers: &mut BatchBuffers) {
         let w = self.options.half_width;
         let away = NEIGHBOUR_DISTANCE * request.lattice.step;
         // The neighbour may be in another element, so the greatest slope of all elements counts.
@@ -216,7 +245,7 @@ impl TiledSolid<'_> {
         part: &PartOfLattice,
         depth: Interval,
         wanted: Interval,
-        buffers: &mut AffineBuffers,
+        buffers: &mut BatchBuffers,
         out: &mut [f32],
     ) {
         let w = self.options.half_width;
@@ -242,6 +271,7 @@ impl TiledSolid<'_> {
         }
         buffers.parts.push(Part {
             is_deep,
+            is_outside: depth.lo > 0.0,
             triangle_range: [first, buffers.part_triangles.len()],
             max_boundary_distance: depth.hi.abs().max(depth.lo.abs()),
             reach: self.continuation_reach(depth.hi),
@@ -259,7 +289,7 @@ impl TiledSolid<'_> {
     }
 
     /// Values of all blocks of the parts added.
-    fn fill_parts(&self, context: &FillContext, buffers: &mut AffineBuffers, out: &mut [f32]) {
+    fn fill_parts(&self, context: &FillContext, buffers: &mut BatchBuffers, out: &mut [f32]) {
         let part_triangles = std::mem::take(&mut buffers.part_triangles);
         let context = FillContext {
             part_triangles: &part_triangles,
@@ -271,7 +301,7 @@ impl TiledSolid<'_> {
     }
 
     /// Values of all blocks: of most from their centres, of the others in groups of eight.
-    fn fill_blocks(&self, context: &FillContext, buffers: &mut AffineBuffers, out: &mut [f32]) {
+    fn fill_blocks(&self, context: &FillContext, buffers: &mut BatchBuffers, out: &mut [f32]) {
         let w = self.options.half_width;
         // Larger than rounding errors.
         let least_reach = 1e-3 * context.lattice.step;
@@ -286,12 +316,9 @@ impl TiledSolid<'_> {
                 buffers.batch.push(block.centre(context));
             }
             buffers.batch.fill_up();
-            let near = context.near.patches.iter();
-            let patches = near.map(|&e| &self.patches[e as usize]);
-            // A margin of one voxel includes all points that an element owns.
-            buffers
-                .centres
-                .locate(patches, &buffers.batch, self.delta());
+            // The margin of one voxel includes all points that an element owns.
+            let all = 0..context.near.patches.len() as u32;
+            self.locate(context.near, all, &buffers.batch, &mut buffers.centres);
             self.evaluate_owned(context.near, &mut buffers.centres, &mut values);
             let single = buffers.centres.single;
             buffers.evaluations += u64::from(buffers.centres.owned.count_ones());
@@ -313,7 +340,7 @@ impl TiledSolid<'_> {
                 // element may reach into it.
                 let is_in_one_element = || {
                     let mut all = buffers.centres.locations[..context.near.patches.len()].iter();
-                    all.all(|p| p.outside(n).abs() >= block.radius)
+                    all.all(|p| p.has_no_face_within(n, block.radius))
                 };
                 if !(part.is_deep || is_in_one_element()) {
                     undecided |= 1 << n;
@@ -367,10 +394,10 @@ impl TiledSolid<'_> {
         context: &FillContext,
         blocks: &[Block],
         group: &[usize],
-        buffers: &mut AffineBuffers,
+        buffers: &mut BatchBuffers,
         out: &mut [f32],
     ) {
-        let AffineBuffers {
+        let BatchBuffers {
             parts,
             batch,
             centres,
@@ -393,7 +420,10 @@ impl TiledSolid<'_> {
         near_indices.clear();
         for (near_index, location) in (0..context.near.patches.len() as u32).zip(&centres.locations)
         {
-            if group.iter().any(|&n| location.outside(n) <= margin(n)) {
+            if group
+                .iter()
+                .any(|&n| location.least_outside(n) <= margin(n))
+            {
                 near_indices.push(near_index);
             }
         }
@@ -428,8 +458,9 @@ impl TiledSolid<'_> {
                     part: block.part(),
                 };
                 let outside = samples.outside(near_indices.len(), first + n);
-                if outside <= GAP_TOLERANCE * self.options.voxel_size {
-                    // The sample may be in a gap between elements.
+                let is_lost = part.is_deep && !context.is_affine;
+                if is_lost || outside <= GAP_TOLERANCE * self.options.voxel_size {
+                    // The sample may be in a gap between elements, or Newton's method has failed.
                     out[index] = self.single_value(context, &sample, known) as f32;
                 } else if self.is_cut() && part.wanted.hi <= 0.0 {
                     out[index] = self.options.half_width as f32;

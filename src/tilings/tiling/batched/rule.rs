@@ -5,11 +5,12 @@
 //! distance outside e and depth the distance of the point below its owner's faces. The owner weighs 1.
 
 use super::distances::BatchDistances;
+use super::locate::BatchLocations;
 use super::newton_steps::NewtonBatch;
-use super::sample_batch::{BatchLocations, MAX_SAMPLES, SampleBatch, bits};
+use super::sample_batch::{MAX_SAMPLES, SampleBatch, bits};
 use crate::tiling::TiledSolid;
+use crate::tiling::local_map::LocalMap;
 use crate::tiling::locality::NearElements;
-use crate::tiling::patch::Patch;
 use druse_geometry::field::Interval;
 use druse_geometry::frame::CellPoint;
 
@@ -18,6 +19,8 @@ use druse_geometry::frame::CellPoint;
 pub(super) struct BatchEvaluation {
     /// Locations in each element, in the order of the elements given.
     pub locations: Vec<BatchLocations>,
+    /// For each near element, if curved, the local map at a recent point.
+    local_maps: Vec<Option<LocalMap>>,
     /// The points that lie in an element: a bit each.
     pub owned: u64,
     /// The points that lie in exactly one element: not on faces, nor where a scaffold overlaps itself.
@@ -45,32 +48,10 @@ impl<T: Copy + Default> Default for PerPoint<T> {
 }
 
 impl BatchEvaluation {
-    /// Locates the points in some of the near elements, and finds their owners: the elements of lowest number.
-    pub fn locate<'a>(
-        &mut self,
-        patches: impl ExactSizeIterator<Item = &'a Patch>,
-        batch: &SampleBatch,
-        delta: f64,
-    ) {
-        let count = patches.len();
-        if self.locations.len() < count {
-            self.locations.resize_with(count, BatchLocations::default);
-        }
-        // Elements come in ascending order: the first that contains a point owns it.
-        let (mut open, mut repeated, mut deep) = (batch.active, 0, 0);
-        for (location, patch) in self.locations.iter_mut().zip(patches) {
-            patch.locate(batch, delta, location);
-            // A second element contains the point as well.
-            repeated |= location.owns & !open;
-            // Elements that share more than faces.
-            self.has_unproved_sign |=
-                (location.owns & deep | location.deep & !open) & batch.active != 0;
-            deep |= location.deep;
-            location.owns &= open;
-            open &= !location.owns;
-        }
-        self.owned = batch.active & !open;
-        self.single = self.owned & !repeated;
+    /// Starts over with other near elements. Nothing is kept: earlier points must not affect even the last bits.
+    pub fn start(&mut self, near: &NearElements) {
+        self.local_maps.clear();
+        self.local_maps.resize(near.patches.len(), None);
     }
 
     /// Lower bound of the distance of a point from the first `count` elements.
@@ -92,6 +73,43 @@ fn gather(location: &BatchLocations, which: u64, at: &mut [CellPoint<3>; MAX_SAM
 }
 
 impl TiledSolid<'_> {
+    /// Locates the points in these of the near elements, and finds their owners: the elements of lowest number.
+    pub(super) fn locate(
+        &self,
+        near: &NearElements,
+        near_indices: impl ExactSizeIterator<Item = u32>,
+        batch: &SampleBatch,
+        evaluation: &mut BatchEvaluation,
+    ) {
+        let BatchEvaluation {
+            locations,
+            local_maps,
+            ..
+        } = evaluation;
+        let count = near_indices.len();
+        if locations.len() < count {
+            locations.resize_with(count, BatchLocations::default);
+        }
+        // Elements come in ascending order: the first that contains a point owns it.
+        let (mut open, mut repeated, mut deep) = (batch.active, 0, 0);
+        for (location, near_index) in locations.iter_mut().zip(near_indices) {
+            let near_index = near_index as usize;
+            let patch = &self.patches[near.patches[near_index] as usize];
+            let start = &mut local_maps[near_index];
+            patch.locate(self.scaffold, batch, self.delta(), start, location);
+            // A second element contains the point as well.
+            repeated |= location.owns & !open;
+            // Elements that share more than faces.
+            evaluation.has_unproved_sign |=
+                (location.owns & deep | location.deep & !open) & batch.active != 0;
+            deep |= location.deep;
+            location.owns &= open;
+            open &= !location.owns;
+        }
+        evaluation.owned = batch.active & !open;
+        evaluation.single = evaluation.owned & !repeated;
+    }
+
     /// Evaluates the field at the points that elements own, into `values` at the points' numbers.
     pub(super) fn evaluate_owned(
         &self,
@@ -123,7 +141,7 @@ impl TiledSolid<'_> {
     ) {
         let (w, delta) = (self.options.half_width, self.delta());
         let patch = |&near_index: &u32| &self.patches[near.patches[near_index as usize] as usize];
-        evaluation.locate(near_indices.iter().map(patch), batch, delta);
+        self.locate(near, near_indices.iter().copied(), batch, evaluation);
         let sup = near_indices
             .iter()
             .map(|p| patch(p).slope_sup)
@@ -207,13 +225,13 @@ impl TiledSolid<'_> {
                 );
             }
             // s of each point in this element, by two Newton steps.
-            let (limits, map) = (self.limits(patch), patch.origin_map());
+            let (limits, map) = (self.limits(patch), patch.step_map(self.scaffold));
             newton.len = count;
-            newton.take_first_step(limits, &map);
+            newton.take_first_step(limits, map);
             let slopes = &mut newton.slopes[..count];
             self.filling
                 .values_and_gradients_f32(patch.number(), &newton.at[..count], slopes);
-            newton.take_second_step(limits, &map);
+            newton.take_second_step(limits, map);
             for (k, &(n, weight)) in newton_items[..count].iter().enumerate() {
                 distances.add(usize::from(n), weight, newton.scale(k));
             }

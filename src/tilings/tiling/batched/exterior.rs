@@ -1,0 +1,204 @@
+//! Samples outside the scaffold: `d = max(d_F, d_S)`, the cut at the boundary.
+//!
+//! `d_S` is the exact distance to the boundary, `d_F` the distance of the field at the closest point q of the boundary.
+//! Without a cut, `d_F` alone continues the field. Up to 64 closest points make one batch of rule Q (`rule`).
+//!
+//! The boundary's triangles deviate from curved faces by the chordal error. So q moves to the nearest point of an
+//! element, and within a voxel delta of the sample x it is blended into the foot y of x on the element, to
+//! q + (1 - |x - q| / delta) (y - q): the value is continuous where the element ends.
+
+use super::BatchBuffers;
+use super::block::FillContext;
+use super::sample_batch::{MAX_SAMPLES, bits};
+use crate::tiling::TiledSolid;
+use crate::tiling::boundary::RegionFacts;
+use crate::tiling::locality::LocalSearch;
+use druse_geometry::field::Interval;
+use druse_geometry::frame::{Aabb, Vec3};
+
+/// A point more than this outside all elements, voxels, is not in a gap due to rounding.
+pub(super) const GAP_TOLERANCE: f64 = 1e-6;
+
+/// A sample in no element: its storage index, its point in world space, and the number of its part.
+#[derive(Clone, Copy)]
+pub(super) struct ExteriorSample {
+    pub n: usize,
+    pub x: Vec3,
+    pub part: usize,
+}
+
+impl TiledSolid<'_> {
+    /// The value at a sample, evaluated as a single point.
+    pub(super) fn single_value(
+        &self,
+        context: &FillContext,
+        sample: &ExteriorSample,
+        known: RegionFacts,
+    ) -> f64 {
+        let mut local = LocalSearch::new(context.near.clone());
+        self.value_at(context.component, &mut local, sample.x, known)
+    }
+
+    /// Values outside the scaffold, world units: those at the closest points of its boundary, and at least the distance
+    /// to them where the boundary cuts; w where that distance is beyond what the part wants.
+    pub(super) fn fill_exterior(
+        &self,
+        context: &FillContext,
+        buffers: &mut BatchBuffers,
+        out: &mut [f32],
+    ) {
+        let w = self.options.half_width;
+        let boundary = &self.components[context.component].boundary;
+        let exterior = std::mem::take(&mut buffers.exterior);
+        for exterior in exterior.chunks(MAX_SAMPLES) {
+            buffers.batch.clear();
+            // The sample of each point, and the least value that the cut leaves it.
+            let mut exterior_points = [(0, 0.0); MAX_SAMPLES];
+            for (number, sample) in exterior.iter().enumerate() {
+                let part = &buffers.parts[sample.part];
+                let known = context.region_facts(part);
+                // Beyond the band, or beyond the greatest distance in the part, no closest point is needed.
+                let closest = if self.is_cut() {
+                    let radius = w.min(known.max_boundary_distance * (1.0 + 1e-9)); // Rounding.
+                    known.closest_within(boundary, sample.x, radius)
+                } else {
+                    Some(boundary.closest(sample.x))
+                };
+                let may_be_inside = !context.is_affine && !part.is_outside;
+                // No boundary within the band: d = w, unless Newton's method has failed inside.
+                let Some(closest) = closest else {
+                    out[sample.n] = if may_be_inside && boundary.contains(sample.x) {
+                        self.single_value(context, sample, known) as f32
+                    } else {
+                        w as f32
+                    };
+                    continue;
+                };
+                // d_S: 0 within the tolerance of the boundary; -w, below every d_F, where the boundary does not cut.
+                let outside = match self.is_cut() {
+                    true if closest.distance < self.boundary_tolerance() => 0.0,
+                    // Between the triangles and a curved face.
+                    true if may_be_inside
+                        && closest.distance < self.chord_slack()
+                        && boundary.contains(sample.x) =>
+                    {
+                        -closest.distance
+                    }
+                    true => closest.distance,
+                    false => -w,
+                };
+                if outside >= part.wanted.hi {
+                    out[sample.n] = w as f32;
+                    continue;
+                }
+                exterior_points[buffers.batch.len()] = (number, outside);
+                buffers.batch.push(closest.point.into());
+            }
+            if buffers.batch.len() == 0 {
+                continue;
+            }
+            buffers.batch.fill_up();
+            self.collect_near(context, buffers);
+            if !context.is_affine {
+                let sample = |n: usize| exterior[exterior_points[n].0].x;
+                self.move_to_elements(context, sample, buffers);
+                self.collect_near(context, buffers);
+            }
+            let wanted = exterior
+                .iter()
+                .map(|sample| buffers.parts[sample.part].wanted)
+                .fold(Interval::new(0.0, 0.0), Interval::hull);
+            self.evaluate_rule_q(
+                context.near,
+                &buffers.near_indices,
+                &buffers.batch,
+                wanted,
+                &mut buffers.samples,
+            );
+            buffers.evaluations += u64::from(buffers.samples.owned.count_ones());
+            // d = max(d_F, d_S); a closest point that rounding puts into no element is evaluated alone.
+            for n in bits(buffers.batch.active) {
+                let (number, outside) = exterior_points[n];
+                let sample = &exterior[number];
+                out[sample.n] = if buffers.samples.owned >> n & 1 != 0 {
+                    buffers.samples.distances.d(n).max(outside).min(w) as f32
+                } else {
+                    self.single_value(
+                        context,
+                        sample,
+                        context.region_facts(&buffers.parts[sample.part]),
+                    ) as f32
+                };
+            }
+        }
+        buffers.exterior = exterior;
+        buffers.exterior.clear();
+    }
+
+    /// Collects the elements that can contribute to the points of the batch: those that reach the box around them.
+    fn collect_near(&self, context: &FillContext, buffers: &mut BatchBuffers) {
+        let points = bits(buffers.batch.active).map(|n| buffers.batch.point(n));
+        let feet = Aabb::of(points);
+        let (centre, half) = (feet.centre().0, feet.size() / 2.0);
+        buffers.near_indices.clear();
+        for (near_index, &e) in (0..).zip(&context.near.patches) {
+            if !self.patches[e as usize].is_box_outside(centre, half, self.delta()) {
+                buffers.near_indices.push(near_index);
+            }
+        }
+    }
+
+    /// Moves the points of the batch, the closest ones of the boundary's triangles, to the elements, and those of samples
+    /// less than a voxel away towards their feet on the element. `sample` gives the position of a point's sample.
+    fn move_to_elements(
+        &self,
+        context: &FillContext,
+        sample: impl Fn(usize) -> Vec3,
+        buffers: &mut BatchBuffers,
+    ) {
+        let BatchBuffers {
+            batch,
+            samples,
+            near_indices,
+            ..
+        } = buffers;
+        // The triangles deviate from the elements by less.
+        let margin = 2.0 * self.chord_slack();
+        for may_fade in [true, false] {
+            self.locate(context.near, near_indices.iter().copied(), batch, samples);
+            let locations = &samples.locations[..near_indices.len()];
+            let mut has_faded = false;
+            for n in bits(batch.active) {
+                let closest = batch.point(n);
+                // The owner, or else the nearest element.
+                let all = locations.iter().zip(&*near_indices);
+                let owner = all.clone().find(|(l, _)| l.owns >> n & 1 != 0);
+                let is_owned = owner.is_some();
+                let nearest = || all.min_by(|(a, _), (b, _)| a.outside(n).total_cmp(&b.outside(n)));
+                let Some((location, near_index)) = owner
+                    .or_else(nearest)
+                    .filter(|(l, _)| l.outside(n) < margin)
+                else {
+                    continue;
+                };
+                let patch = &self.patches[context.near.patches[*near_index as usize] as usize];
+                let mut point = closest;
+                if !is_owned {
+                    point = patch.point(self.scaffold, patch.clamp(location.xi(n).0));
+                }
+                let x = sample(n);
+                let nearness = 1.0 - (x - closest).norm() / self.delta();
+                if may_fade && nearness > 0.0 && !patch.is_affine() {
+                    let preimage = patch.preimage_or_affine(self.scaffold, x);
+                    let foot = patch.point(self.scaffold, patch.clamp(preimage.xi));
+                    point += (foot - point) * nearness;
+                    has_faded = true;
+                }
+                batch.move_point(n, point);
+            }
+            if !has_faded {
+                break;
+            }
+        }
+    }
+}

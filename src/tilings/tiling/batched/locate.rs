@@ -1,0 +1,334 @@
+//! Locations of a batch's points in elements: xi = J^-1 (x - x0) in affine ones, Newton's method in curved ones.
+//!
+//! m(x), the distance outside the element ([`Preimage`](crate::tiling::patch::Preimage)), decides which points it owns or
+//! shares. In affine elements it is the greatest signed distance to the planes of the faces. In curved ones it is
+//! |x - M(c)| outside, with c the point of the cell where the map's continuation starts, and inside -depth, the reference
+//! distance to the faces times the least stretch; their bounding planes exclude the points that are far outside. Newton's
+//! method starts from the local map at a point of the last row. The locations change with that start by rounding.
+// Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
+#![allow(clippy::inline_always)]
+
+use super::sample_batch::{MAX_SAMPLES, ROW, Row, SampleBatch, bits, value_at};
+use crate::scaffold::Scaffold;
+use crate::tiling::clamp::face_distance_row;
+use crate::tiling::inverse_map::{CurvedMap, dot, product};
+use crate::tiling::local_map::LocalMap;
+use crate::tiling::patch::{FACE_TOLERANCE, InverseOptions, Patch};
+use druse_geometry::frame::{CellPoint, Mat3, Vec3};
+use druse_geometry::simd::{self, Eight, Lanes, Number, SimdKernel, difference, splat_vector};
+
+/// The locations of a batch's points in an element.
+pub(super) struct BatchLocations {
+    /// m(x); where it is at least the distance asked for, a lower bound of it.
+    outside: Row,
+    /// Lower bounds of the distance outside.
+    least_outside: Row,
+    /// Reference coordinates of the points to which the element contributes.
+    xi: [Row; 3],
+    /// The points less than a voxel outside, to which the element contributes.
+    pub shares: u64,
+    /// The points in the element.
+    pub owns: u64,
+    /// The points more than a voxel inside, to which no other element contributes.
+    pub deep: u64,
+    /// Whether m is the distance to the planes of the faces.
+    is_affine: bool,
+}
+
+impl Default for BatchLocations {
+    fn default() -> Self {
+        let row = [[0.0; ROW]; MAX_SAMPLES / ROW];
+        Self {
+            outside: row,
+            least_outside: row,
+            xi: [row; 3],
+            shares: 0,
+            owns: 0,
+            deep: 0,
+            is_affine: true,
+        }
+    }
+}
+
+impl BatchLocations {
+    /// m at point `n`.
+    #[inline(always)]
+    pub fn outside(&self, n: usize) -> f64 {
+        value_at(&self.outside, n)
+    }
+
+    /// A lower bound of the distance of point `n` outside the element.
+    #[inline(always)]
+    pub fn least_outside(&self, n: usize) -> f64 {
+        value_at(&self.least_outside, n)
+    }
+
+    /// Whether a ball around point `n` crosses no face of the element. Around points outside a curved element this is
+    /// not known: they must be so deep in another one that the ball cannot reach this one.
+    #[inline]
+    pub fn has_no_face_within(&self, n: usize, radius: f64) -> bool {
+        let m = self.outside(n);
+        m <= -radius || m >= if self.is_affine { radius } else { 0.0 }
+    }
+
+    /// Reference coordinates of point `n`, to which the element contributes.
+    #[inline(always)]
+    pub fn xi(&self, n: usize) -> CellPoint<3> {
+        CellPoint(Vec3::new(
+            value_at(&self.xi[0], n),
+            value_at(&self.xi[1], n),
+            value_at(&self.xi[2], n),
+        ))
+    }
+
+    /// Stores m, reference coordinates and face distances of the points of a row among which `candidates` may be less
+    /// than `delta` outside.
+    #[inline(always)]
+    fn store_row<L: Lanes>(
+        &mut self,
+        row: usize,
+        [m, face_distance, delta]: [Eight<L>; 3],
+        xi: [Eight<L>; 3],
+        candidates: u8,
+    ) {
+        self.outside[row] = m.row();
+        for (to, xi) in self.xi.iter_mut().zip(xi) {
+            to[row] = xi.row();
+        }
+        let (zero, on_face) = (m.splat(0.0), m.splat(FACE_TOLERANCE));
+        let shares = candidates & m.bits_below(delta);
+        // Face tolerance in reference coordinates, so that both elements of a face own its points.
+        let owns = shares & !on_face.bits_below(face_distance);
+        let deep = candidates & m.bits_below(zero - delta);
+        self.shares |= u64::from(shares) << (ROW * row);
+        self.owns |= u64::from(owns) << (ROW * row);
+        self.deep |= u64::from(deep) << (ROW * row);
+    }
+}
+
+/// Buffers for points of one element.
+#[derive(Default)]
+pub(in crate::tiling) struct PointLocations {
+    batch: SampleBatch,
+    location: BatchLocations,
+}
+
+impl Patch {
+    /// Appends the reference coordinates of points of the element to `found`. Returns whether all of them are in it.
+    pub(in crate::tiling) fn locate_inside(
+        &self,
+        scaffold: &Scaffold,
+        points: &[Vec3],
+        buffers: &mut PointLocations,
+        found: &mut Vec<CellPoint<3>>,
+    ) -> bool {
+        let PointLocations { batch, location } = buffers;
+        let mut start = None;
+        for points in points.chunks(MAX_SAMPLES) {
+            batch.clear();
+            for &x in points {
+                batch.push(x.into());
+            }
+            batch.fill_up();
+            self.locate(scaffold, batch, f64::INFINITY, &mut start, location);
+            if batch.active & !location.owns != 0 {
+                return false;
+            }
+            found.extend((0..points.len()).map(|n| location.xi(n)));
+        }
+        true
+    }
+
+    /// Locates the points of a batch whose rows are full. The element contributes to points less than `delta`
+    /// outside; points more than `delta` inside are deep. `start` is the local map of a curved element at a point before.
+    pub(super) fn locate(
+        &self,
+        scaffold: &Scaffold,
+        batch: &SampleBatch,
+        delta: f64,
+        start: &mut Option<LocalMap>,
+        location: &mut BatchLocations,
+    ) {
+        location.shares = 0;
+        location.owns = 0;
+        location.deep = 0;
+        location.is_affine = self.is_affine();
+        let Some(map) = self.curved_map(scaffold) else {
+            return simd::run(AffineKernel {
+                patch: self,
+                batch,
+                delta,
+                location,
+            });
+        };
+        let failed = simd::run(CurvedKernel {
+            patch: self,
+            map,
+            batch,
+            delta,
+            start,
+            location,
+        });
+        for n in bits(failed) {
+            self.locate_alone(scaffold, (n, batch.point(n)), delta, location);
+        }
+    }
+
+    /// Locates a point for which Newton's method failed from the local map: from other starts.
+    fn locate_alone(
+        &self,
+        scaffold: &Scaffold,
+        (n, x): (usize, Vec3),
+        delta: f64,
+        location: &mut BatchLocations,
+    ) {
+        let options = InverseOptions {
+            start: None,
+            for_f32: true,
+        };
+        let (row, lane) = (n / ROW % (MAX_SAMPLES / ROW), n % ROW);
+        let Some(preimage) = self.preimage(scaffold, x, f64::INFINITY, options) else {
+            location.outside[row][lane] = f64::INFINITY;
+            return;
+        };
+        let m = if preimage.face_distance > 0.0 {
+            preimage.outside_distance
+        } else {
+            -self.depth(&preimage)
+        };
+        location.outside[row][lane] = m;
+        for (to, xi) in location.xi.iter_mut().zip(preimage.xi.iter()) {
+            to[row][lane] = *xi;
+        }
+        let is_owner = preimage.face_distance <= FACE_TOLERANCE;
+        location.shares |= u64::from(m < delta) << n;
+        location.owns |= u64::from(m < delta && is_owner) << n;
+        location.deep |= u64::from(m < -delta) << n;
+    }
+}
+
+struct AffineKernel<'a> {
+    patch: &'a Patch,
+    batch: &'a SampleBatch,
+    delta: f64,
+    location: &'a mut BatchLocations,
+}
+
+impl SimdKernel for AffineKernel<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) {
+        let Self {
+            patch,
+            batch,
+            delta,
+            location,
+        } = self;
+        let start = patch.origin_map();
+        let zero = Eight::of(lanes, &[0.0; ROW]);
+        let delta = zero.splat(delta);
+        let inverse = start.inverse_rows(zero);
+        let centre = splat_vector(zero, start.x);
+        let planes = patch.planes();
+        let shape = patch.shape();
+        for row in batch.rows() {
+            let x = batch.row(lanes, row);
+            // m(x) <= 0 inside.
+            let m = planes.outside_distance(x);
+            location.least_outside[row] = m.row();
+            let candidates = m.bits_below(delta);
+            // No point of the row is near the element: its xi is not needed.
+            if candidates == 0 {
+                location.outside[row] = m.row();
+                continue;
+            }
+            // xi = J^-1 (x - x0).
+            let xi = product(inverse, difference(x, centre), [zero; 3]);
+            let face_distance = face_distance_row(shape, xi);
+            location.store_row(row, [m, face_distance, delta], xi, candidates);
+        }
+    }
+}
+
+struct CurvedKernel<'a> {
+    patch: &'a Patch,
+    map: CurvedMap<'a>,
+    batch: &'a SampleBatch,
+    delta: f64,
+    start: &'a mut Option<LocalMap>,
+    location: &'a mut BatchLocations,
+}
+
+impl SimdKernel for CurvedKernel<'_> {
+    /// The points whose preimages were not found, a bit each.
+    type Output = u64;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> u64 {
+        let Self {
+            patch,
+            map,
+            batch,
+            delta,
+            start,
+            location,
+        } = self;
+        let zero = Eight::of(lanes, &[0.0; ROW]);
+        let delta = zero.splat(delta);
+        let least_stretch = zero.splat(patch.least_stretch());
+        let planes = patch.planes();
+        let mut failed = 0;
+        for row in batch.rows() {
+            let x = batch.row(lanes, row);
+            // A lower bound of m outside.
+            let least = planes.outside_distance(x);
+            location.least_outside[row] = least.row();
+            let candidates = least.bits_below(delta);
+            if candidates == 0 {
+                location.outside[row] = least.row();
+                continue;
+            }
+            let local_map = match *start {
+                Some(local_map) => local_map.with_second_derivatives(map),
+                None => patch.origin_map(),
+            };
+            let found = map.preimages(x, local_map.estimate_row(x), candidates);
+            let converged = candidates & found.converged;
+            failed |= u64::from(candidates & !converged) << (ROW * row);
+            // m: |x - M(c)| outside, -depth inside; far outside its bound.
+            let rest = difference(x, found.step.from);
+            let (distance, depth) = (
+                dot(rest, rest, zero).sqrt(),
+                found.face_distance * least_stretch,
+            );
+            let m = zero.select_below(found.face_distance, distance, depth);
+            let m = least.select_below(delta, m, least);
+            location.store_row(
+                row,
+                [m, found.face_distance, delta],
+                found.step.xi,
+                converged,
+            );
+            // The next row starts from the first point that was found.
+            if converged != 0 {
+                let lane = converged.trailing_zeros() as usize % ROW;
+                let xi = &found.step.xi;
+                let xi = [xi[0].row()[lane], xi[1].row()[lane], xi[2].row()[lane]];
+                let mut inverse = Mat3::zeros();
+                for (r, values) in found.step.inverse.iter().enumerate() {
+                    for (c, values) in values.iter().enumerate() {
+                        inverse[(r, c)] = values.row()[lane];
+                    }
+                }
+                *start = Some(LocalMap {
+                    x: batch.point(ROW * row + lane),
+                    xi: xi.into(),
+                    inverse,
+                    ..local_map
+                });
+            }
+        }
+        failed
+    }
+}
