@@ -27,7 +27,7 @@ mod scalar;
 mod wide;
 #[cfg(target_arch = "x86_64")]
 mod x86;
-pub use number::{Eight, Four, Number};
+pub use number::{Eight, Number};
 pub use number::{difference, splat_vector};
 pub use scalar::PortableLanes;
 pub use wide::{RowPair, WideLanes};

@@ -9,7 +9,7 @@
 //! | `axis_aligned` | a box of equal hexes along the axes | rule Q, a cell that is a short trigonometric series, a narrow band | products of tabulated sines and cosines |
 //! | `interpolated` | one element over a leaf of 8^3 samples | a tolerance for it, rule Q, more than w inside the boundary, at most 0.7 waves of the cell over the leaf | polynomials through 4^3 or 6^3 nodes |
 //! | `batched` | at most 1,024 near 4^3 samples | rule Q | 64 samples at a time, Newton's method for curved maps |
-//! | `distance_scale`, `exact` | any | single points, rule R, several components without a cut | point by point |
+//! | `distance_scale`, `exact` | any | single points, rule R, several components without a cut, more elements | point by point |
 //!
 //! ```
 //! # mod druse { pub use druse_cells::*; pub use druse_geometry::*; pub use druse_tilings::*; }
@@ -349,7 +349,7 @@ impl<'a> TiledSolid<'a> {
     pub fn sample(&self, p: WorldPoint) -> Option<Sample> {
         let (element, reference) = self.scaffold.locate(p)?;
         let element = element as usize;
-        let preimage = self.patches[element].preimage_or_affine(self.scaffold, p.0);
+        let preimage = self.patches[element].preimage_or_affine(self.scaffold, p.0, None);
         let (phi, slope) = self.filling.value_and_gradient(element, reference);
         Some(Sample {
             phi,

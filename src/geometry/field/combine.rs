@@ -53,7 +53,7 @@ fn fill_extreme<const S: i8>(
     let mut scratch = vec![0f32; out.len()];
     let mut most = 0;
     for (f, b) in bounded {
-        let Some([low, high]) = limits.hull(0..out.len()) else {
+        let Some([low, high]) = limits.hull_of_all() else {
             return most;
         };
         let (low, high) = (f64::from(low), f64::from(high));
@@ -70,7 +70,7 @@ fn fill_extreme<const S: i8>(
         add_extreme::<S>(&scratch, &mut limits, out);
     }
     for f in fields.iter().filter(|f| f.is_selective()) {
-        if limits.hull(0..out.len()).is_none() {
+        if limits.hull_of_all().is_none() {
             return most;
         }
         most = most.max(f.fill_within(lattice, &limits, &mut scratch));
@@ -82,17 +82,14 @@ fn fill_extreme<const S: i8>(
 /// Adds the values of a field to the extreme at the samples that are needed, and narrows their limits.
 fn add_extreme<const S: i8>(values: &[f32], limits: &mut ValueLimits, out: &mut [f32]) {
     let samples = out.iter_mut().zip(&mut limits.low).zip(&mut limits.high);
+    // Without branches, so that the compiler can use vector instructions.
     for (((o, low), high), &v) in samples.zip(values) {
-        if *low >= *high {
-            continue;
-        }
-        if S > 0 {
-            *o = o.max(v);
-            *low = *o;
-        } else {
-            *o = o.min(v);
-            *high = *o;
-        }
+        let is_needed = *low < *high;
+        let exceeds = if S > 0 { v > *o } else { v < *o };
+        let value = if is_needed && exceeds { v } else { *o };
+        *o = value;
+        let limit = if S > 0 { low } else { high };
+        *limit = if is_needed { value } else { *limit };
     }
 }
 

@@ -90,7 +90,7 @@ impl Field for Skin<'_> {
         limits: &ValueLimits,
         out: &mut [f32],
     ) -> u64 {
-        let Some([_, high]) = limits.hull(0..out.len()) else {
+        let Some([_, high]) = limits.hull_of_all() else {
             return 0;
         };
         // Rounding to single precision must not move a distance to the other side of its limit.

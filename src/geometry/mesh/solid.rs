@@ -289,29 +289,73 @@ impl MeshSolid {
         let slack = self.precision.slack;
         // Without a surface in a regular ball all samples have the sign of its centre.
         let inside_all = regular_sign.filter(|_| nearest_to_centre.distance > radius + slack);
-        let [_, ny, nz] = lattice.counts;
-        // The distances of two samples from a surface between them add up to their step at most.
-        let reach = lattice.step * RIM_FACTOR + slack;
-        let strides = [1, nz, ny * nz];
-        let blocks = self.regular_blocks(lattice, regular_sign.is_some());
-        for n in 0..lattice.len() {
-            // The preceding neighbours along z, y and x, whose signs are known.
-            let index = [n % nz, n / nz % ny, n / (ny * nz)];
-            let neighbours = (0..3).filter(|&a| index[a] > 0).map(|a| n - strides[a]);
-            let d = distances[n];
-            let inside = inside_all.unwrap_or_else(|| {
-                // No surface passes between two samples whose distances add up to more than their step.
-                let is_surface_free = |&m: &usize| distances[m] + d > reach;
-                let is_same_block = |&m: &usize| blocks[m] != 0 && blocks[m] == blocks[n];
-                let neighbour = neighbours
-                    .clone()
-                    .find(|m| is_same_block(m) && is_surface_free(m));
-                let by_winding = || self.contains(lattice.point(n).0);
-                neighbour.map_or_else(by_winding, |m| out[m].is_sign_negative())
-            });
-            out[n] = self.precision.signed(d, inside) as f32;
+        let signs = match inside_all {
+            Some(inside) => vec![Some(inside); lattice.len()],
+            None => self.signs(lattice, regular_sign.is_some(), (&distances, max_distance)),
+        };
+        for ((out, d), inside) in out.iter_mut().zip(distances).zip(signs) {
+            *out = self.precision.signed(d, inside == Some(true)) as f32;
         }
         measured as u64
+    }
+
+    /// Whether each sample of a lattice is inside, from its distances. Of a distance beyond `max_distance`, at least the
+    /// step, no more is known than that. `is_regular` states that of all samples.
+    ///
+    /// No surface passes between two samples whose distances from it add up to more than the distance between them: the
+    /// sign goes from one to the other, along the axes in storage order. Samples nearer to the surface than half a step
+    /// that get none so take that of one of 26 neighbours at the end. Where no sign arrives the winding number decides.
+    fn signs(
+        &self,
+        lattice: &SampleLattice<WorldPoint>,
+        is_regular: bool,
+        (distances, max_distance): (&[f64], f64),
+    ) -> Vec<Option<bool>> {
+        let [nx, ny, nz] = lattice.counts;
+        let blocks = self.regular_blocks(lattice, is_regular);
+        // By the squared number of steps between two samples: 1 along an axis, 2 or 3 along a diagonal.
+        let reach = [1.0, 2.0, 3.0]
+            .map(|s: f64| lattice.step * s.sqrt() * RIM_FACTOR + self.precision.slack);
+        let known = |n: usize| {
+            if distances[n] < max_distance {
+                distances[n]
+            } else {
+                max_distance
+            }
+        };
+        let is_same_block = |m: usize, n: usize| blocks[m] != 0 && blocks[m] == blocks[n];
+        let by_winding = |n: usize| self.contains(lattice.point(n).0);
+        let index = |n: usize| [n / (ny * nz), n / nz % ny, n % nz];
+        let strides = [ny * nz, nz, 1];
+        let mut signs = vec![None; lattice.len()];
+        let mut late = Vec::new();
+        for n in 0..signs.len() {
+            let at = index(n);
+            let before = (0..3).filter(|&a| at[a] > 0).map(|a| n - strides[a]);
+            let arrived = before
+                .filter(|&m| is_same_block(m, n) && distances[m] + distances[n] > reach[0])
+                .find_map(|m| signs[m]);
+            if arrived.is_none() && 2.0 * distances[n] <= reach[0] {
+                late.push(n);
+                continue;
+            }
+            signs[n] = Some(arrived.unwrap_or_else(|| by_winding(n)));
+        }
+        for n in late {
+            let [i, j, k] = index(n);
+            let around = |i: usize, count: usize| i.saturating_sub(1)..(i + 2).min(count);
+            let mut neighbours = around(i, nx).flat_map(|x| {
+                around(j, ny).flat_map(move |y| around(k, nz).map(move |z| [x, y, z]))
+            });
+            let arrived = neighbours.find_map(|[x, y, z]| {
+                let steps = x.abs_diff(i) + y.abs_diff(j) + z.abs_diff(k);
+                let m = (x * ny + y) * nz + z;
+                let is_free = || known(m) + known(n) > reach[steps - 1];
+                signs[m].filter(|_| m != n && is_same_block(m, n) && is_free())
+            });
+            signs[n] = Some(arrived.unwrap_or_else(|| by_winding(n)));
+        }
+        signs
     }
 
     /// Labels of regular blocks of a lattice's samples (see [`Self::regular_sign`]); label 0 marks samples in
@@ -474,7 +518,7 @@ impl Field for MeshSolid {
         limits: &ValueLimits,
         out: &mut [f32],
     ) -> u64 {
-        let Some([low, high]) = limits.hull(0..out.len()) else {
+        let Some([low, high]) = limits.hull_of_all() else {
             return 0;
         };
         // Distances of less than a step show that samples have the sign of their neighbours.
@@ -504,5 +548,69 @@ impl Field for MeshSolid {
             *bits = LeafBits::from_values(values, leaves.background);
         }
         Some(512 * leaves.origins.len() as u64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The octahedron |x| + |y| + |z| <= radius, each face in `parts`^2 triangles.
+    fn octahedron(radius: f64, parts: i32) -> MeshSolid {
+        let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+        for octant in 0..8 {
+            let signs = [0, 1, 2].map(|a| if octant >> a & 1 == 0 { 1.0 } else { -1.0 });
+            let corner = |i: i32, j: i32| {
+                let shares = [i, j, parts - i - j].map(|n| f64::from(n) / f64::from(parts));
+                Vec3::from([0, 1, 2].map(|a| signs[a] * shares[a] * radius))
+            };
+            let mut push = |mut corners: [Vec3; 3]| {
+                if signs.iter().product::<f64>() < 0.0 {
+                    corners.swap(1, 2);
+                }
+                let first = vertices.len() as u32;
+                vertices.extend(corners);
+                triangles.push([first, first + 1, first + 2]);
+            };
+            for (i, j) in (0..parts).flat_map(|i| (0..parts - i).map(move |j| (i, j))) {
+                push([corner(i, j), corner(i + 1, j), corner(i, j + 1)]);
+                if i + j + 1 < parts {
+                    push([corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)]);
+                }
+            }
+        }
+        MeshSolid::new(TriMesh::new(vertices, triangles).unwrap())
+    }
+
+    #[test]
+    fn samples_near_oblique_faces_have_the_sign_of_the_closed_form() {
+        // Along the axes these faces pass between most samples and their neighbours, and the distances of neighbours
+        // along a diagonal are beyond those that are measured.
+        let solid = octahedron(13.0, 26);
+        for n in 0..200 {
+            let share = |a: u32| f64::from(n * (7 + 4 * a) % 200) / 200.0;
+            let origin = Vec3::new(
+                3.0 * share(0) - 1.0,
+                3.0 * share(1) - 1.0,
+                2.0 + 5.0 * share(2),
+            );
+            let lattice = SampleLattice {
+                origin: WorldPoint(origin),
+                step: 1.0,
+                counts: [8; 3],
+            };
+            for reach in [0.01, 1.2, 3.0f32] {
+                let mut values = [0.0; 512];
+                let limits = ValueLimits::uniform(512, [-reach, reach]);
+                solid.fill_within(&lattice, &limits, &mut values);
+                for (n, v) in values.into_iter().enumerate() {
+                    let excess = lattice.point(n).0.abs().sum() - 13.0;
+                    assert!(
+                        excess.abs() < 1e-9 || v.is_sign_negative() == (excess < 0.0),
+                        "{origin:?} {n}: {v}, {excess}"
+                    );
+                }
+            }
+        }
     }
 }

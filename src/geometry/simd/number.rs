@@ -1,4 +1,4 @@
-//! Formulas written once over [`Number`]: for one `f64`, or for rows of four or eight.
+//! Formulas written once over [`Number`]: for one `f64`, or for rows of eight.
 //!
 //! Lanes do not depend on each other. An `f64` by itself rounds a product before its sum, as rows do without FMA; rows
 //! with FMA differ from it in the last bits.
@@ -86,31 +86,6 @@ pub fn difference<T: Number>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-/// Four `f64` in registers of `L`.
-#[derive(Clone, Copy)]
-pub struct Four<L: Lanes>(L, L::D);
-
-impl<L: Lanes> Four<L> {
-    /// Loads four numbers.
-    #[inline(always)]
-    pub fn of(lanes: L, v: [f64; 4]) -> Self {
-        Self(lanes, lanes.load_four(v))
-    }
-
-    /// The coordinates of four points: a row each for x, y and z.
-    #[inline(always)]
-    pub fn points(lanes: L, points: [[f64; 3]; 4]) -> [Self; 3] {
-        let [x, y, z] = lanes.transpose_points(points);
-        [Self(lanes, x), Self(lanes, y), Self(lanes, z)]
-    }
-
-    /// The four numbers as an array.
-    #[inline(always)]
-    pub fn row(self) -> [f64; 4] {
-        self.0.four_to_array(self.1)
-    }
-}
-
 /// Eight `f64` in registers of `L`.
 #[derive(Clone, Copy)]
 pub struct Eight<L: Lanes>(L, <L::Wide as WideLanes>::Eight);
@@ -157,79 +132,69 @@ impl<L: Lanes> Eight<L> {
     }
 }
 
-/// The operators of a row, and [`Number`], by functions of its lanes.
-macro_rules! row_of_numbers {
-    (
-        $row:ident($count:literal, [$($wide:tt)*]): $add:ident, $sub:ident, $mul:ident, $div:ident, $splat:ident,
-        $fused:ident, $sqrt:ident, $min:ident, $max:ident, $select_below:ident
-    ) => {
-        impl<L: Lanes> Add for $row<L> {
-            type Output = Self;
-            #[inline(always)]
-            fn add(self, b: Self) -> Self {
-                Self(self.0, self.0 $($wide)* .$add(self.1, b.1))
-            }
-        }
-        impl<L: Lanes> Sub for $row<L> {
-            type Output = Self;
-            #[inline(always)]
-            fn sub(self, b: Self) -> Self {
-                Self(self.0, self.0 $($wide)* .$sub(self.1, b.1))
-            }
-        }
-        impl<L: Lanes> Mul for $row<L> {
-            type Output = Self;
-            #[inline(always)]
-            fn mul(self, b: Self) -> Self {
-                Self(self.0, self.0 $($wide)* .$mul(self.1, b.1))
-            }
-        }
-        impl<L: Lanes> Div for $row<L> {
-            type Output = Self;
-            #[inline(always)]
-            fn div(self, b: Self) -> Self {
-                Self(self.0, self.0 $($wide)* .$div(self.1, b.1))
-            }
-        }
-        impl<L: Lanes> Number for $row<L> {
-            #[inline(always)]
-            fn splat(self, v: f64) -> Self {
-                Self(self.0, self.0 $($wide)* .$splat(v))
-            }
-            #[inline(always)]
-            fn fused(self, b: Self, c: Self) -> Self {
-                Self(self.0, self.0 $($wide)* .$fused(self.1, b.1, c.1))
-            }
-            #[inline(always)]
-            fn sqrt(self) -> Self {
-                Self(self.0, self.0 $($wide)* .$sqrt(self.1))
-            }
-            #[inline(always)]
-            fn min(self, other: Self) -> Self {
-                Self(self.0, self.0 $($wide)* .$min(self.1, other.1))
-            }
-            #[inline(always)]
-            fn max(self, other: Self) -> Self {
-                Self(self.0, self.0 $($wide)* .$max(self.1, other.1))
-            }
-            #[inline(always)]
-            fn select_below(self, bound: Self, x: Self, y: Self) -> Self {
-                Self(self.0, self.0 $($wide)* .$select_below(self.1, bound.1, x.1, y.1))
-            }
-            #[inline(always)]
-            fn map_points(points: [Self; 3], f: impl Fn([f64; 3]) -> [f64; 3]) -> [Self; 3] {
-                let [x, y, z] = [points[0].row(), points[1].row(), points[2].row()];
-                let mut moved = [[0.0; 3]; $count];
-                for (n, to) in moved.iter_mut().enumerate() {
-                    *to = f([x[n], y[n], z[n]]);
-                }
-                Self::points(points[0].0, moved)
-            }
-        }
-    };
+impl<L: Lanes> Add for Eight<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, b: Self) -> Self {
+        Self(self.0, self.0.wide().add_eight(self.1, b.1))
+    }
 }
-
-row_of_numbers!(Four(4, []): add_four, sub_four, mul_four, div_four, splat_four, fused_four, sqrt_four, min_four,
-    max_four, select_below_four);
-row_of_numbers!(Eight(8, [.wide()]): add_eight, sub_eight, mul_eight, div_eight, splat_eight, fused_eight, sqrt_eight,
-    min_eight, max_eight, select_below_eight);
+impl<L: Lanes> Sub for Eight<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, b: Self) -> Self {
+        Self(self.0, self.0.wide().sub_eight(self.1, b.1))
+    }
+}
+impl<L: Lanes> Mul for Eight<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, b: Self) -> Self {
+        Self(self.0, self.0.wide().mul_eight(self.1, b.1))
+    }
+}
+impl<L: Lanes> Div for Eight<L> {
+    type Output = Self;
+    #[inline(always)]
+    fn div(self, b: Self) -> Self {
+        Self(self.0, self.0.wide().div_eight(self.1, b.1))
+    }
+}
+impl<L: Lanes> Number for Eight<L> {
+    #[inline(always)]
+    fn splat(self, v: f64) -> Self {
+        Self(self.0, self.0.wide().splat_eight(v))
+    }
+    #[inline(always)]
+    fn fused(self, b: Self, c: Self) -> Self {
+        Self(self.0, self.0.wide().fused_eight(self.1, b.1, c.1))
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0, self.0.wide().sqrt_eight(self.1))
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Self(self.0, self.0.wide().min_eight(self.1, other.1))
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        Self(self.0, self.0.wide().max_eight(self.1, other.1))
+    }
+    #[inline(always)]
+    fn select_below(self, bound: Self, x: Self, y: Self) -> Self {
+        Self(
+            self.0,
+            self.0.wide().select_below_eight(self.1, bound.1, x.1, y.1),
+        )
+    }
+    #[inline(always)]
+    fn map_points(points: [Self; 3], f: impl Fn([f64; 3]) -> [f64; 3]) -> [Self; 3] {
+        let [x, y, z] = [points[0].row(), points[1].row(), points[2].row()];
+        let mut moved = [[0.0; 3]; 8];
+        for (n, to) in moved.iter_mut().enumerate() {
+            *to = f([x[n], y[n], z[n]]);
+        }
+        Self::points(points[0].0, moved)
+    }
+}

@@ -1,8 +1,8 @@
-//! The map of one element in powers of the cell's coordinates, for one point and for four at a time.
+//! The map of one element in powers of the cell's coordinates, for one point and for eight at a time.
 //!
 //! A voxel needs the map and its Jacobian many times, so that they are evaluated in powers, by Horner's rule, rather
 //! than by shape functions. The coefficients come from values of the map itself, once per element. One function serves
-//! a point and four or eight at once.
+//! a point and eight at once.
 // Small functions of hot paths: they are inlined to use the instruction set of their caller.
 #![allow(clippy::inline_always)]
 

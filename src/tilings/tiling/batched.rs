@@ -1,4 +1,4 @@
-//! Rule Q (module `rule`) on lattices of samples among affine elements, whose maps are inverted without a search.
+//! Rule Q (module `rule`) on lattices of samples, in batches of 64 points.
 //!
 //! Samples are grouped in blocks of 2^3. The field F at a block's centre decides most blocks. Only distances between
 //! two limits d- <= 0 <= d+ are wanted in a part of 4^3 samples: -w and w with the half width w of the band, or less
@@ -8,10 +8,9 @@
 //! only blocks within one element are decided so. The other blocks go through rule Q, eight at a time. Samples outside
 //! the scaffold are collected and evaluated at the closest points of the boundary, 64 at a time.
 //!
-//! A batch holds 64 points, as rows of eight by coordinate; masks have a bit for each point. Values are rounded to single
-//! precision, which is all that differs from single points. The laws `values_and_signs_in_bulk_are_those_of_single_points`
-//! and `limits_change_no_value_between_them` measure it. The distance is d = F s; `rule` computes the scale s
-//! and its blend across faces.
+//! Points lie in rows of eight by coordinate; masks have a bit for each point. Single precision, and in curved elements
+//! the tolerance of Newton's method, are all that differs from single points; the laws in tests/it/tiling of `affine` and
+//! `curved` measure it. The distance is d = F s; `rule` computes the scale s and its blend across faces.
 
 mod block;
 mod distances;
@@ -86,6 +85,11 @@ impl TiledSolid<'_> {
         all.all(|&e| self.patches[e as usize].is_affine())
     }
 
+    /// A distance outside an element beyond which it owns no point, despite rounding.
+    fn owner_reach(&self) -> f64 {
+        1e-3 * self.delta()
+    }
+
     /// The field at the points that are in exactly one element, `None` at others.
     pub(super) fn field_at<const N: usize>(
         &self,
@@ -100,12 +104,9 @@ impl TiledSolid<'_> {
         }
         buffers.batch.fill_up();
         buffers.centres.start(near);
-        self.locate(
-            near,
-            0..near.patches.len() as u32,
-            &buffers.batch,
-            &mut buffers.centres,
-        );
+        let all = 0..near.patches.len() as u32;
+        let batch = (&buffers.batch, self.owner_reach());
+        self.locate(near, all, batch, &mut buffers.centres);
         self.evaluate_owned(near, &mut buffers.centres, &mut values);
         // Points in several elements or in none have no single value here: they come back as `None`.
         let single = buffers.centres.single;
@@ -152,7 +153,9 @@ impl TiledSolid<'_> {
                     continue;
                 };
                 let own = self.part_depth(&whole, &part, depth);
-                self.add_part(&whole, &part, own, wanted, buffers, out);
+                if !self.is_far_outside(own, wanted) {
+                    self.add_part(&whole, &part, own, wanted, buffers);
+                }
             }
             self.fill_parts(&whole, buffers, out);
             buffers.block_spans = block_spans;
@@ -165,18 +168,28 @@ impl TiledSolid<'_> {
                 continue;
             };
             let own = self.part_depth(&whole, &part, depth);
+            if self.is_far_outside(own, wanted) {
+                continue;
+            }
             let region = part.span(lattice).dilated(self.continuation_reach(own.hi));
             self.filter_near(near, &region, &mut candidates);
             if candidates.patches.len() > MAX_BATCHED_ELEMENTS {
-                self.fill_one_by_one(&whole, &part, &candidates, buffers, out);
+                let known = RegionFacts {
+                    max_boundary_distance: own.hi.abs().max(own.lo.abs()),
+                    is_deep: own.hi <= self.deep_distance(wanted),
+                    wanted,
+                    ..RegionFacts::UNKNOWN
+                };
+                self.fill_one_by_one(&whole, &part, (&candidates, known), buffers, out);
                 continue;
             }
             buffers.start(&candidates);
             let context = FillContext {
                 near: &candidates,
+                is_affine: self.are_affine(&candidates),
                 ..whole
             };
-            self.add_part(&context, &part, own, wanted, buffers, out);
+            self.add_part(&context, &part, own, wanted, buffers);
             self.fill_parts(&context, buffers, out);
         }
         buffers.candidates = candidates;
@@ -188,7 +201,7 @@ impl TiledSolid<'_> {
         &self,
         context: &FillContext,
         part: &PartOfLattice,
-        near: &NearElements,
+        (near, known): (&NearElements, RegionFacts),
         buffers: &mut BatchBuffers,
         out: &mut [f32],
     ) {
@@ -197,8 +210,7 @@ impl TiledSolid<'_> {
         for n in part.indices(context.lattice) {
             if context.limits.is_none_or(|l| l.is_needed(n)) {
                 let x = context.lattice.point(n).0;
-                out[n] =
-                    self.value_at(context.component, &mut local, x, RegionFacts::UNKNOWN) as f32;
+                out[n] = self.value_at(context.component, &mut local, x, known) as f32;
                 buffers.evaluations += 1;
             }
         }
@@ -238,7 +250,12 @@ impl TiledSolid<'_> {
         )
     }
 
-    /// Adds the blocks of a part, unless the distance to the boundary decides it.
+    /// Whether a part is farther outside than the wanted distances: d = D beyond them everywhere, and its samples keep w.
+    fn is_far_outside(&self, depth: Interval, wanted: Interval) -> bool {
+        self.is_cut() && depth.lo >= wanted.hi
+    }
+
+    /// Adds the blocks of a part.
     fn add_part(
         &self,
         context: &FillContext,
@@ -246,15 +263,7 @@ impl TiledSolid<'_> {
         depth: Interval,
         wanted: Interval,
         buffers: &mut BatchBuffers,
-        out: &mut [f32],
     ) {
-        let w = self.options.half_width;
-        // The part is farther outside than the wanted distances: d = D beyond them everywhere.
-        if self.is_cut() && depth.lo >= wanted.hi {
-            part.indices(context.lattice)
-                .for_each(|n| out[n] = w as f32);
-            return;
-        }
         let number = buffers.parts.len();
         let is_deep = depth.hi <= self.deep_distance(wanted);
         let first = buffers.part_triangles.len();
@@ -316,9 +325,9 @@ impl TiledSolid<'_> {
                 buffers.batch.push(block.centre(context));
             }
             buffers.batch.fill_up();
-            // The margin of one voxel includes all points that an element owns.
             let all = 0..context.near.patches.len() as u32;
-            self.locate(context.near, all, &buffers.batch, &mut buffers.centres);
+            let batch = (&buffers.batch, self.owner_reach());
+            self.locate(context.near, all, batch, &mut buffers.centres);
             self.evaluate_owned(context.near, &mut buffers.centres, &mut values);
             let single = buffers.centres.single;
             buffers.evaluations += u64::from(buffers.centres.owned.count_ones());
@@ -462,6 +471,7 @@ impl TiledSolid<'_> {
                 if is_lost || outside <= GAP_TOLERANCE * self.options.voxel_size {
                     // The sample may be in a gap between elements, or Newton's method has failed.
                     out[index] = self.single_value(context, &sample, known) as f32;
+                    *evaluations += 1;
                 } else if self.is_cut() && part.wanted.hi <= 0.0 {
                     out[index] = self.options.half_width as f32;
                 } else {
@@ -473,7 +483,7 @@ impl TiledSolid<'_> {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
     use crate::scaffold::{Connectivity, Kind, Scaffold};
     use crate::tiling::{TiledSolid, TilingOptions};
     use druse_cells::cell::of_terms;
@@ -481,7 +491,7 @@ pub(super) mod tests {
     use druse_geometry::frame::{Vec3, WorldPoint};
 
     /// Samples near a zero of cos 2 pi z in an element whose map keeps z: as single points, and to its planes z = 1/4.
-    pub fn check_wave(kind: Kind, map: impl Fn(Vec3) -> Vec3, zero: Vec3) {
+    fn check_wave(kind: Kind, map: impl Fn(Vec3) -> Vec3, zero: Vec3) {
         let wave = of_terms("wave", kind.shape(), Some("C1"), &[([0, 0, 1], [0.5, 0.0])]).unwrap();
         let nodes: Vec<Vec3> = kind.reference_nodes().iter().map(|xi| map(xi.0)).collect();
         let mut elements = Connectivity::default();
@@ -506,5 +516,11 @@ pub(super) mod tests {
     fn a_wave_in_a_sheared_tet_has_the_distances_of_its_planes() {
         let sheared = |p: Vec3| Vec3::new(1.2 * p.x + 0.4 * p.z, p.y + 0.3 * p.x, p.z);
         check_wave(Kind::Tet4, sheared, Vec3::new(0.05, 0.0, 0.25));
+    }
+
+    #[test]
+    fn a_wave_along_a_sector_of_a_tube_has_the_distances_of_its_planes() {
+        let bent = |p: Vec3| Vec3::new((1.5 + p.x) * p.y.cos(), (1.5 + p.x) * p.y.sin(), p.z);
+        check_wave(Kind::Tet10, bent, Vec3::new(1.5, 0.05, -0.25));
     }
 }

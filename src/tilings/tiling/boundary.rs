@@ -5,7 +5,7 @@
 //! then needed only to find where the field is continued.
 
 use super::{Boundary, CHORD_TOLERANCE, TiledSolid};
-use druse_geometry::field::{Interval, ValueLimits};
+use druse_geometry::field::Interval;
 use druse_geometry::frame::{Aabb, Vec3};
 use druse_geometry::mesh::{ClosestPoint, MeshSolid};
 
@@ -25,8 +25,6 @@ pub(super) struct RegionFacts<'a> {
     pub boundary_triangles: Option<&'a [u32]>,
     /// Distances beyond its ends, world units, need only their side.
     pub wanted: Interval,
-    /// The limits of the samples of the lattice, where they differ.
-    pub limits: Option<&'a ValueLimits>,
 }
 
 impl RegionFacts<'_> {
@@ -36,14 +34,7 @@ impl RegionFacts<'_> {
         max_boundary_distance: f64::INFINITY,
         boundary_triangles: None,
         wanted: Interval::REAL_LINE,
-        limits: None,
     };
-
-    /// Whether a sample of the lattice is needed.
-    #[inline]
-    pub fn is_needed(&self, n: u32) -> bool {
-        self.limits.is_none_or(|l| l.is_needed(n as usize))
-    }
 
     /// The boundary point nearest to `x`, if it is within `radius`, at most the band's half width. A short list of
     /// triangles is searched one by one, else the whole boundary by its hierarchy: both find the same point.

@@ -20,23 +20,26 @@ pub(super) struct FillRequest<'a> {
 }
 
 impl FillRequest<'_> {
-    /// The distances that some samples need exactly, within a band of half width `w`; `None` if none is needed.
-    fn wanted(&self, samples: impl IntoIterator<Item = usize>, w: f64) -> Option<Interval> {
+    /// The distances that the samples of a part need exactly, within a band of half width `w`; `None` if none is needed.
+    pub fn wanted_in(&self, part: &PartOfLattice, w: f64) -> Option<Interval> {
+        self.wanted(|limits| limits.hull(part.indices(self.lattice)), w)
+    }
+
+    /// [`Self::wanted_in`] of all samples.
+    fn wanted_in_all(&self, w: f64) -> Option<Interval> {
+        self.wanted(ValueLimits::hull_of_all, w)
+    }
+
+    fn wanted(
+        &self,
+        hull: impl FnOnce(&ValueLimits) -> Option<[f32; 2]>,
+        w: f64,
+    ) -> Option<Interval> {
         let band = Interval::new(-w, w);
         match self.limits {
-            Some(limits) => limits.hull(samples).map(|ends| within_band(ends, band)),
+            Some(limits) => hull(limits).map(|ends| within_band(ends, band)),
             None => Some(band),
         }
-    }
-
-    /// [`Self::wanted`] of the samples of a part.
-    pub fn wanted_in(&self, part: &PartOfLattice, w: f64) -> Option<Interval> {
-        self.wanted(part.indices(self.lattice), w)
-    }
-
-    /// [`Self::wanted`] of all samples.
-    fn wanted_in_all(&self, w: f64) -> Option<Interval> {
-        self.wanted(0..self.lattice.len(), w)
     }
 }
 
@@ -255,7 +258,6 @@ impl TiledSolid<'_> {
                 max_boundary_distance: depth.hi.abs().max(depth.lo.abs()),
                 boundary_triangles: boundary_triangles.map(|_| &**part_triangles),
                 wanted,
-                limits,
             };
             let region = region.dilated(self.continuation_reach(depth.hi.min(whole_depth.hi)));
             self.restrict(near, &region, local);
@@ -280,7 +282,7 @@ impl TiledSolid<'_> {
                 }
             } else {
                 for n in part.indices(lattice) {
-                    if !known.is_needed(n as u32) {
+                    if !limits.is_none_or(|l| l.is_needed(n)) {
                         continue;
                     }
                     *single_evaluations += 1;

@@ -9,10 +9,13 @@
 use super::clamp::{clamp_row, face_distance_row};
 use crate::scaffold::{ElementMap, Polynomial};
 use druse_geometry::frame::{CellPoint, Element, Mat3, Vec3};
-use druse_geometry::simd::{Eight, Lanes, Number, difference};
+use druse_geometry::simd::{Eight, Lanes, Number, difference, splat_vector};
 
 /// Newton steps for a row of points. Points that need more steps are searched for one by one.
 const MAX_STEPS: usize = 12;
+
+/// Greatest magnitude of reference coordinates; greater ones, and none, show a singular map.
+const MAX_COORDINATE: f64 = 1e9;
 
 /// Rows of a matrix.
 pub(super) type Matrix<T> = [[T; 3]; 3];
@@ -57,6 +60,16 @@ pub(super) fn dot<T: Number>(a: [T; 3], b: [T; 3], c: T) -> T {
 #[inline(always)]
 pub(super) fn product<T: Number>(m: Matrix<T>, a: [T; 3], c: [T; 3]) -> [T; 3] {
     [dot(m[0], a, c[0]), dot(m[1], a, c[1]), dot(m[2], a, c[2])]
+}
+
+/// A matrix in every lane, by rows.
+#[inline(always)]
+pub(super) fn matrix_rows<T: Number>(m: &Mat3, lane: T) -> Matrix<T> {
+    [
+        splat_vector(lane, [m[0], m[3], m[6]]),
+        splat_vector(lane, [m[1], m[4], m[7]]),
+        splat_vector(lane, [m[2], m[5], m[8]]),
+    ]
 }
 
 #[inline(always)]
@@ -154,8 +167,8 @@ impl<'a> CurvedMap<'a> {
         let step = self.step(x, clamp_row(self.shape, at));
         let mut to = at;
         // Where the map is singular, the estimates remain.
-        let limit = x[0].splat(1e9);
-        let magnitude = step.xi[0].abs().max(step.xi[1].abs()).max(step.xi[2].abs());
+        let limit = x[0].splat(MAX_COORDINATE);
+        let magnitude = step.xi[0].abs() + step.xi[1].abs() + step.xi[2].abs();
         for (to, found) in to.iter_mut().zip(step.xi) {
             *to = magnitude.select_below(limit, found, *to);
         }
@@ -196,7 +209,12 @@ impl<'a> CurvedMap<'a> {
             let face_distance = face_distance_row(self.shape, step.xi);
             let [a, b, c] = difference(next, at);
             let moved = a.abs().max(b.abs()).max(c.abs());
-            let converged = moved.bits_below(convergence_tolerance(face_distance, true));
+            let [x, y, z] = &step.xi;
+            let limit = moved.splat(MAX_COORDINATE);
+            let is_finite =
+                x.abs().bits_below(limit) & y.abs().bits_below(limit) & z.abs().bits_below(limit);
+            let converged =
+                is_finite & moved.bits_below(convergence_tolerance(face_distance, true));
             steps += 1;
             if needed & !converged == 0 || steps == MAX_STEPS {
                 return StepRow {

@@ -6,7 +6,7 @@
 // are not: no SIMD arithmetic is written in them.
 #![allow(clippy::inline_always)]
 
-use super::inverse_map::{CurvedMap, Matrix, product};
+use super::inverse_map::{CurvedMap, matrix_rows, product};
 use super::patch::Preimage;
 use druse_geometry::frame::{Mat3, Vec3};
 use druse_geometry::simd::{Number, difference, splat_vector};
@@ -49,7 +49,11 @@ impl LocalMap {
     pub fn estimate_row<T: Number>(&self, x: [T; 3]) -> [T; 3] {
         let lane = x[0];
         let d = difference(x, splat_vector(lane, self.x));
-        let mut xi = product(self.inverse_rows(lane), d, splat_vector(lane, self.xi));
+        let mut xi = product(
+            matrix_rows(&self.inverse, lane),
+            d,
+            splat_vector(lane, self.xi),
+        );
         let Some(derivatives) = &self.second_derivatives else {
             return xi;
         };
@@ -61,17 +65,6 @@ impl LocalMap {
             }
         }
         xi
-    }
-
-    /// d xi / d x at the centre of the expansion, by rows.
-    #[inline(always)]
-    pub fn inverse_rows<T: Number>(&self, lane: T) -> Matrix<T> {
-        let m = &self.inverse;
-        [
-            splat_vector(lane, Vec3::new(m[0], m[3], m[6])),
-            splat_vector(lane, Vec3::new(m[1], m[4], m[7])),
-            splat_vector(lane, Vec3::new(m[2], m[5], m[8])),
-        ]
     }
 
     /// xi at a point.

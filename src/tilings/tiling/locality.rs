@@ -34,7 +34,7 @@ pub(super) struct NearElements {
 }
 
 /// The elements near a box, with the local maps of recent points as starts of Newton's method. They change
-/// the cost of a search, and its result only by rounding.
+/// the cost of a search, and its result within the tolerance of Newton's method.
 #[derive(Default)]
 pub(super) struct LocalSearch {
     pub near: NearElements,
@@ -295,7 +295,7 @@ impl TiledSolid<'_> {
         let nearness = 1.0 - (x - q).norm() / self.delta();
         let patch = self.patch(local, at.near_index);
         if nearness > 0.0 && !patch.is_affine() {
-            let preimage = patch.preimage_or_affine(self.scaffold, x);
+            let preimage = patch.preimage_or_affine(self.scaffold, x, None);
             let foot = patch.point(self.scaffold, patch.clamp(preimage.xi));
             if let Some(faded) = self.nearest(local, point + (foot - point) * nearness) {
                 (at, point) = faded;
@@ -325,7 +325,7 @@ impl TiledSolid<'_> {
         let (_, near_index, preimage) = best?;
         let patch = self.patch(local, near_index);
         let point = patch.point(self.scaffold, patch.clamp(preimage.xi));
-        let preimage = patch.preimage_or_affine(self.scaffold, point);
+        let preimage = patch.preimage_or_affine(self.scaffold, point, None);
         Some((
             Owner {
                 near_index,

@@ -8,8 +8,8 @@
 // are not: no SIMD arithmetic is written in them.
 #![allow(clippy::inline_always)]
 
-use super::inverse_map::{CurvedMap, Matrix, dot, product};
-use super::local_map::LocalMap;
+use super::inverse_map::{CurvedMap, Matrix, dot, matrix_rows, product};
+use druse_geometry::frame::Mat3;
 use druse_geometry::simd::Number;
 
 /// Newton steps are damped where the slope is below this fraction of its root mean square.
@@ -34,8 +34,8 @@ pub(super) struct StepLimits {
 /// The map of an element, for the ends of steps.
 #[derive(Clone, Copy)]
 pub(super) enum StepMap<'a> {
-    /// Any local map of an affine element: J^-1 is the same everywhere.
-    Affine(LocalMap),
+    /// J^-1 of an affine element.
+    Affine(Mat3),
     /// That of a curved element.
     Curved(CurvedMap<'a>),
 }
@@ -99,8 +99,8 @@ impl StepLimits {
     ) -> FirstStep<T> {
         let zero = f.splat(0.0);
         match map {
-            StepMap::Affine(map) => {
-                let inverse = map.inverse_rows(zero);
+            StepMap::Affine(inverse) => {
+                let inverse = matrix_rows(&inverse, zero);
                 let first = self.step_and_scale(f, to_world(inverse, g), inverse);
                 // The point moves to xi + J^-1 p1.
                 *at = product(inverse, first.step, *at);

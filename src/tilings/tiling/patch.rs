@@ -46,7 +46,7 @@ pub(super) struct Patch {
 pub(super) struct InverseOptions {
     /// Where Newton's method starts.
     pub start: Option<Vec3>,
-    /// Whether an error of about 1e-8 of the cell is allowed outside it: for values in single precision.
+    /// Whether the result is for values in single precision, see [`convergence_tolerance`].
     pub for_f32: bool,
 }
 
@@ -194,8 +194,10 @@ impl Patch {
 
     /// The map for the ends of Newton steps.
     pub fn step_map<'a>(&self, scaffold: &'a Scaffold) -> StepMap<'a> {
-        self.curved_map(scaffold)
-            .map_or_else(|| StepMap::Affine(self.origin_map()), StepMap::Curved)
+        self.curved_map(scaffold).map_or_else(
+            || StepMap::Affine(self.origin_map().inverse),
+            StepMap::Curved,
+        )
     }
 
     /// The affine map at the reference origin: the start where no local map is known.
@@ -229,9 +231,19 @@ impl Patch {
         self.preimage_of(inverse * (x - centre), inverse, outside_distance)
     }
 
-    /// The preimage of any point, by the affine map at the reference origin if Newton's method fails.
-    pub fn preimage_or_affine(&self, scaffold: &Scaffold, x: Vec3) -> Preimage {
-        self.preimage(scaffold, x, f64::INFINITY, InverseOptions::default())
+    /// The preimage of any point, by the affine map at the reference origin if Newton's method fails. `start` is where
+    /// the method starts, reference coordinates; by default it is the estimate of that affine map.
+    pub fn preimage_or_affine(
+        &self,
+        scaffold: &Scaffold,
+        x: Vec3,
+        start: Option<Vec3>,
+    ) -> Preimage {
+        let options = InverseOptions {
+            start,
+            ..InverseOptions::default()
+        };
+        self.preimage(scaffold, x, f64::INFINITY, options)
             .unwrap_or_else(|| self.affine_preimage(x))
     }
 

@@ -1,4 +1,4 @@
-//! Elements with affine maps: bulk evaluation equals evaluation at single points.
+//! Elements with affine maps, and signs in bent ones: bulk evaluation equals evaluation at single points.
 
 use super::options;
 use crate::strategy::{self, Noise};
@@ -37,8 +37,8 @@ fn twice(once: &Scaffold, by: Vec3) -> Scaffold {
 }
 
 /// A bar of tets that winds once and a quarter around an axis and overlaps itself.
-fn coil() -> Scaffold {
-    let (mut nodes, elements) = strategy::mesh(Kind::Tet4, [20, 2, 2], 0.0, 1);
+fn coil(kind: Kind) -> Scaffold {
+    let (mut nodes, elements) = strategy::mesh(kind, [20, 2, 2], 0.0, 1);
     for p in &mut nodes {
         let (angle, radius) = (-p.x * std::f64::consts::PI / 8.0, 3.0 + p.y);
         *p = Vec3::new(radius * angle.cos(), radius * angle.sin(), p.z + 0.05 * p.x);
@@ -46,12 +46,17 @@ fn coil() -> Scaffold {
     Scaffold::new(nodes, elements).unwrap()
 }
 
-/// A scaffold, the same twice, and of tets one that overlaps itself.
+/// A scaffold, bent where its kind can be, the same twice, and of tets one that overlaps itself.
 fn overlapping(kind: Kind) -> Vec<Scaffold> {
-    let once = straight(kind);
+    let mut once = straight(kind);
+    if matches!(kind, Kind::Tet10 | Kind::Hex20) {
+        let bent = |p: &Vec3| p + Vec3::new(0.1 * p.y * p.y, 0.08 * p.z * p.x, 0.1 * p.x * p.x);
+        let nodes = once.nodes().iter().map(bent).collect();
+        once = Scaffold::new(nodes, once.connectivity().clone()).unwrap();
+    }
     let mut all = vec![twice(&once, Vec3::new(0.4, 0.3, 0.2)), once];
-    if kind == Kind::Tet4 {
-        all.push(coil());
+    if kind.shape() == Element::Tet {
+        all.push(coil(kind));
     }
     all
 }
@@ -217,7 +222,7 @@ fn leaves_are_culled_by_what_is_true_of_them() {
 /// change at the boundary, where a scaffold overlaps itself, and next to inactive voxels of narrow bands.
 #[test]
 fn a_band_is_the_same_without_what_the_field_knows_sooner() {
-    for kind in [Kind::Tet4, Kind::Hex8] {
+    for kind in [Kind::Tet4, Kind::Hex8, Kind::Tet10, Kind::Hex20] {
         let table = table(kind);
         for scaffold in &overlapping(kind) {
             let all = [
@@ -248,7 +253,7 @@ fn values_and_signs_in_bulk_are_those_of_single_points() {
             once,
         ];
         if kind == Kind::Tet4 {
-            scaffolds.push(coil());
+            scaffolds.push(coil(kind));
         }
         let mut noise = Noise::new(41);
         for (which, scaffold) in scaffolds.iter().enumerate() {

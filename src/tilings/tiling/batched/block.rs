@@ -103,7 +103,6 @@ impl<'a> FillContext<'a> {
                 .boundary_triangles
                 .map(|_| &self.part_triangles[part.triangle_range[0]..part.triangle_range[1]]),
             wanted: part.wanted,
-            limits: self.limits,
         }
     }
 

@@ -68,6 +68,7 @@ impl TiledSolid<'_> {
                 // No boundary within the band: d = w, unless Newton's method has failed inside.
                 let Some(closest) = closest else {
                     out[sample.n] = if may_be_inside && boundary.contains(sample.x) {
+                        buffers.evaluations += 1;
                         self.single_value(context, sample, known) as f32
                     } else {
                         w as f32
@@ -108,6 +109,13 @@ impl TiledSolid<'_> {
                 .iter()
                 .map(|sample| buffers.parts[sample.part].wanted)
                 .fold(Interval::new(0.0, 0.0), Interval::hull);
+            // max(d_F, d_S) needs no d_F below the least d_S.
+            let least = match self.is_cut() {
+                true if context.is_affine => 0.0,
+                true => -self.chord_slack(),
+                false => -w,
+            };
+            let wanted = Interval::new(wanted.lo.max(least), wanted.hi);
             self.evaluate_rule_q(
                 context.near,
                 &buffers.near_indices,
@@ -123,6 +131,7 @@ impl TiledSolid<'_> {
                 out[sample.n] = if buffers.samples.owned >> n & 1 != 0 {
                     buffers.samples.distances.d(n).max(outside).min(w) as f32
                 } else {
+                    buffers.evaluations += 1;
                     self.single_value(
                         context,
                         sample,
@@ -165,7 +174,8 @@ impl TiledSolid<'_> {
         // The triangles deviate from the elements by less.
         let margin = 2.0 * self.chord_slack();
         for may_fade in [true, false] {
-            self.locate(context.near, near_indices.iter().copied(), batch, samples);
+            let indices = near_indices.iter().copied();
+            self.locate(context.near, indices, (batch, margin), samples);
             let locations = &samples.locations[..near_indices.len()];
             let mut has_faded = false;
             for n in bits(batch.active) {
@@ -189,7 +199,8 @@ impl TiledSolid<'_> {
                 let x = sample(n);
                 let nearness = 1.0 - (x - closest).norm() / self.delta();
                 if may_fade && nearness > 0.0 && !patch.is_affine() {
-                    let preimage = patch.preimage_or_affine(self.scaffold, x);
+                    let start = location.xi(n).0;
+                    let preimage = patch.preimage_or_affine(self.scaffold, x, Some(start));
                     let foot = patch.point(self.scaffold, patch.clamp(preimage.xi));
                     point += (foot - point) * nearness;
                     has_faded = true;

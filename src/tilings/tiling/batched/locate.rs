@@ -4,33 +4,39 @@
 //! shares. In affine elements it is the greatest signed distance to the planes of the faces. In curved ones it is
 //! |x - M(c)| outside, with c the point of the cell where the map's continuation starts, and inside -depth, the reference
 //! distance to the faces times the least stretch; their bounding planes exclude the points that are far outside. Newton's
-//! method starts from the local map at a point of the last row. The locations change with that start by rounding.
+//! method starts from the local map at a point of the last row. They change
+//! the locations within its tolerance.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
 use super::sample_batch::{MAX_SAMPLES, ROW, Row, SampleBatch, bits, value_at};
 use crate::scaffold::Scaffold;
 use crate::tiling::clamp::face_distance_row;
-use crate::tiling::inverse_map::{CurvedMap, dot, product};
+use crate::tiling::inverse_map::{CurvedMap, dot, matrix_rows, product};
 use crate::tiling::local_map::LocalMap;
 use crate::tiling::patch::{FACE_TOLERANCE, InverseOptions, Patch};
 use druse_geometry::frame::{CellPoint, Mat3, Vec3};
 use druse_geometry::simd::{self, Eight, Lanes, Number, SimdKernel, difference, splat_vector};
 
+/// Distance from the faces of a curved element, reference units, beyond which no rounding puts a point of another one.
+const INNER_DISTANCE: f64 = 1e-3;
+
 /// The locations of a batch's points in an element.
 pub(super) struct BatchLocations {
-    /// m(x); where it is at least the distance asked for, a lower bound of it.
+    /// m(x), or a lower bound of it where the point is farther outside than the reach of the search.
     outside: Row,
     /// Lower bounds of the distance outside.
     least_outside: Row,
     /// Reference coordinates of the points to which the element contributes.
     xi: [Row; 3],
-    /// The points less than a voxel outside, to which the element contributes.
+    /// The points less than the reach of the search outside, to which the element may contribute.
     pub shares: u64,
     /// The points in the element.
     pub owns: u64,
-    /// The points more than a voxel inside, to which no other element contributes.
+    /// The points more than this reach inside.
     pub deep: u64,
+    /// The points so far inside that another element that contains them overlaps this one.
+    pub inner: u64,
     /// Whether m is the distance to the planes of the faces.
     is_affine: bool,
 }
@@ -45,6 +51,7 @@ impl Default for BatchLocations {
             shares: 0,
             owns: 0,
             deep: 0,
+            inner: 0,
             is_affine: true,
         }
     }
@@ -64,7 +71,7 @@ impl BatchLocations {
     }
 
     /// Whether a ball around point `n` crosses no face of the element. Around points outside a curved element this is
-    /// not known: they must be so deep in another one that the ball cannot reach this one.
+    /// not proved: it holds where the ball lies within another element, unless the two overlap.
     #[inline]
     pub fn has_no_face_within(&self, n: usize, radius: f64) -> bool {
         let m = self.outside(n);
@@ -82,12 +89,12 @@ impl BatchLocations {
     }
 
     /// Stores m, reference coordinates and face distances of the points of a row among which `candidates` may be less
-    /// than `delta` outside.
+    /// than `reach` outside.
     #[inline(always)]
     fn store_row<L: Lanes>(
         &mut self,
         row: usize,
-        [m, face_distance, delta]: [Eight<L>; 3],
+        [m, face_distance, reach]: [Eight<L>; 3],
         xi: [Eight<L>; 3],
         candidates: u8,
     ) {
@@ -96,13 +103,20 @@ impl BatchLocations {
             to[row] = xi.row();
         }
         let (zero, on_face) = (m.splat(0.0), m.splat(FACE_TOLERANCE));
-        let shares = candidates & m.bits_below(delta);
+        let shares = candidates & m.bits_below(reach);
         // Face tolerance in reference coordinates, so that both elements of a face own its points.
         let owns = shares & !on_face.bits_below(face_distance);
-        let deep = candidates & m.bits_below(zero - delta);
+        let deep = candidates & m.bits_below(zero - reach);
         self.shares |= u64::from(shares) << (ROW * row);
         self.owns |= u64::from(owns) << (ROW * row);
+        // The depth in a curved element is a lower bound, which may be small everywhere.
+        let inner = if self.is_affine {
+            deep
+        } else {
+            candidates & face_distance.bits_below(m.splat(-INNER_DISTANCE))
+        };
         self.deep |= u64::from(deep) << (ROW * row);
+        self.inner |= u64::from(inner) << (ROW * row);
     }
 }
 
@@ -139,25 +153,26 @@ impl Patch {
         true
     }
 
-    /// Locates the points of a batch whose rows are full. The element contributes to points less than `delta`
-    /// outside; points more than `delta` inside are deep. `start` is the local map of a curved element at a point before.
+    /// Locates the points of a batch whose rows are full. The element contributes to points less than `reach`
+    /// outside; points more than `reach` inside are deep. `start` is the local map of a curved element at a point before.
     pub(super) fn locate(
         &self,
         scaffold: &Scaffold,
         batch: &SampleBatch,
-        delta: f64,
+        reach: f64,
         start: &mut Option<LocalMap>,
         location: &mut BatchLocations,
     ) {
         location.shares = 0;
         location.owns = 0;
         location.deep = 0;
+        location.inner = 0;
         location.is_affine = self.is_affine();
         let Some(map) = self.curved_map(scaffold) else {
             return simd::run(AffineKernel {
                 patch: self,
                 batch,
-                delta,
+                reach,
                 location,
             });
         };
@@ -165,12 +180,12 @@ impl Patch {
             patch: self,
             map,
             batch,
-            delta,
+            reach,
             start,
             location,
         });
         for n in bits(failed) {
-            self.locate_alone(scaffold, (n, batch.point(n)), delta, location);
+            self.locate_alone(scaffold, (n, batch.point(n)), reach, location);
         }
     }
 
@@ -179,7 +194,7 @@ impl Patch {
         &self,
         scaffold: &Scaffold,
         (n, x): (usize, Vec3),
-        delta: f64,
+        reach: f64,
         location: &mut BatchLocations,
     ) {
         let options = InverseOptions {
@@ -201,16 +216,17 @@ impl Patch {
             to[row][lane] = *xi;
         }
         let is_owner = preimage.face_distance <= FACE_TOLERANCE;
-        location.shares |= u64::from(m < delta) << n;
-        location.owns |= u64::from(m < delta && is_owner) << n;
-        location.deep |= u64::from(m < -delta) << n;
+        location.shares |= u64::from(m < reach) << n;
+        location.owns |= u64::from(m < reach && is_owner) << n;
+        location.deep |= u64::from(m < -reach) << n;
+        location.inner |= u64::from(preimage.face_distance < -INNER_DISTANCE) << n;
     }
 }
 
 struct AffineKernel<'a> {
     patch: &'a Patch,
     batch: &'a SampleBatch,
-    delta: f64,
+    reach: f64,
     location: &'a mut BatchLocations,
 }
 
@@ -222,13 +238,13 @@ impl SimdKernel for AffineKernel<'_> {
         let Self {
             patch,
             batch,
-            delta,
+            reach,
             location,
         } = self;
         let start = patch.origin_map();
         let zero = Eight::of(lanes, &[0.0; ROW]);
-        let delta = zero.splat(delta);
-        let inverse = start.inverse_rows(zero);
+        let reach = zero.splat(reach);
+        let inverse = matrix_rows(&start.inverse, zero);
         let centre = splat_vector(zero, start.x);
         let planes = patch.planes();
         let shape = patch.shape();
@@ -237,7 +253,7 @@ impl SimdKernel for AffineKernel<'_> {
             // m(x) <= 0 inside.
             let m = planes.outside_distance(x);
             location.least_outside[row] = m.row();
-            let candidates = m.bits_below(delta);
+            let candidates = m.bits_below(reach);
             // No point of the row is near the element: its xi is not needed.
             if candidates == 0 {
                 location.outside[row] = m.row();
@@ -246,7 +262,7 @@ impl SimdKernel for AffineKernel<'_> {
             // xi = J^-1 (x - x0).
             let xi = product(inverse, difference(x, centre), [zero; 3]);
             let face_distance = face_distance_row(shape, xi);
-            location.store_row(row, [m, face_distance, delta], xi, candidates);
+            location.store_row(row, [m, face_distance, reach], xi, candidates);
         }
     }
 }
@@ -255,7 +271,7 @@ struct CurvedKernel<'a> {
     patch: &'a Patch,
     map: CurvedMap<'a>,
     batch: &'a SampleBatch,
-    delta: f64,
+    reach: f64,
     start: &'a mut Option<LocalMap>,
     location: &'a mut BatchLocations,
 }
@@ -270,12 +286,12 @@ impl SimdKernel for CurvedKernel<'_> {
             patch,
             map,
             batch,
-            delta,
+            reach,
             start,
             location,
         } = self;
         let zero = Eight::of(lanes, &[0.0; ROW]);
-        let delta = zero.splat(delta);
+        let reach = zero.splat(reach);
         let least_stretch = zero.splat(patch.least_stretch());
         let planes = patch.planes();
         let mut failed = 0;
@@ -284,7 +300,7 @@ impl SimdKernel for CurvedKernel<'_> {
             // A lower bound of m outside.
             let least = planes.outside_distance(x);
             location.least_outside[row] = least.row();
-            let candidates = least.bits_below(delta);
+            let candidates = least.bits_below(reach) & (batch.active >> (ROW * row)) as u8;
             if candidates == 0 {
                 location.outside[row] = least.row();
                 continue;
@@ -303,10 +319,10 @@ impl SimdKernel for CurvedKernel<'_> {
                 found.face_distance * least_stretch,
             );
             let m = zero.select_below(found.face_distance, distance, depth);
-            let m = least.select_below(delta, m, least);
+            let m = least.select_below(reach, m, least);
             location.store_row(
                 row,
-                [m, found.face_distance, delta],
+                [m, found.face_distance, reach],
                 found.step.xi,
                 converged,
             );

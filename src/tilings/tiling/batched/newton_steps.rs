@@ -1,13 +1,15 @@
 //! Both Newton steps of rule Q in an element ([`newton_distance`](crate::tiling::newton_distance)), eight points at a time.
 //!
 //! Points lie in rows of eight in double precision; F and gradients come in single precision. Between the steps the
-//! caller evaluates the cell at all points. The law `values_and_signs_in_bulk_are_those_of_single_points` allows 1e-4
-//! voxel, 5e-3 with two voxels along an element.
+//! caller evaluates the cell at all points. The laws `values_and_signs_in_bulk_are_those_of_single_points` and
+//! `values_in_bulk_are_those_of_single_points_in_graded_elements_of_every_kind` allow 1e-4 voxel, the former 5e-3 with
+//! two voxels along an element.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand. Closures
 // are not: no SIMD arithmetic is written in them.
 #![allow(clippy::inline_always)]
 
 use super::sample_batch::{MAX_SAMPLES, ROW, Row};
+use crate::tiling::inverse_map::matrix_rows;
 use crate::tiling::newton_distance::{FirstStep, StepLimits, StepMap};
 use druse_geometry::frame::{CellPoint, Vec3};
 use druse_geometry::simd::{self, Eight, Lanes, SimdKernel};
@@ -143,7 +145,7 @@ impl SimdKernel for SecondStepKernel<'_> {
                 magnitude: Eight::of(lanes, &newton.magnitude[row]),
                 zero_scale: Eight::of(lanes, &newton.scale[row]),
                 inverse: match map {
-                    StepMap::Affine(map) => map.inverse_rows(f),
+                    StepMap::Affine(inverse) => matrix_rows(&inverse, f),
                     StepMap::Curved(_) => [
                         load_rows(lanes, a, row),
                         load_rows(lanes, b, row),

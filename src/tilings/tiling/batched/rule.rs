@@ -1,4 +1,4 @@
-//! Rule Q for a batch of points among affine elements: d = F sum(omega s) / sum(omega).
+//! Rule Q for a batch of points: d = F sum(omega s) / sum(omega).
 //!
 //! F is the value in the owner, the element of lowest number that contains the point. s is the scale of two Newton
 //! steps in each element e less than delta away, and `omega = 1 - max(m_e, depth) / delta` its weight, with `m_e` the
@@ -73,12 +73,13 @@ fn gather(location: &BatchLocations, which: u64, at: &mut [CellPoint<3>; MAX_SAM
 }
 
 impl TiledSolid<'_> {
-    /// Locates the points in these of the near elements, and finds their owners: the elements of lowest number.
+    /// Locates the points in these of the near elements, as far as they are less than `reach` outside, and finds their
+    /// owners: the elements of lowest number.
     pub(super) fn locate(
         &self,
         near: &NearElements,
         near_indices: impl ExactSizeIterator<Item = u32>,
-        batch: &SampleBatch,
+        (batch, reach): (&SampleBatch, f64),
         evaluation: &mut BatchEvaluation,
     ) {
         let BatchEvaluation {
@@ -91,18 +92,18 @@ impl TiledSolid<'_> {
             locations.resize_with(count, BatchLocations::default);
         }
         // Elements come in ascending order: the first that contains a point owns it.
-        let (mut open, mut repeated, mut deep) = (batch.active, 0, 0);
+        let (mut open, mut repeated, mut inner) = (batch.active, 0, 0);
         for (location, near_index) in locations.iter_mut().zip(near_indices) {
             let near_index = near_index as usize;
             let patch = &self.patches[near.patches[near_index] as usize];
             let start = &mut local_maps[near_index];
-            patch.locate(self.scaffold, batch, self.delta(), start, location);
+            patch.locate(self.scaffold, batch, reach, start, location);
             // A second element contains the point as well.
             repeated |= location.owns & !open;
             // Elements that share more than faces.
             evaluation.has_unproved_sign |=
-                (location.owns & deep | location.deep & !open) & batch.active != 0;
-            deep |= location.deep;
+                (location.owns & inner | location.inner & !open) & batch.active != 0;
+            inner |= location.inner;
             location.owns &= open;
             open &= !location.owns;
         }
@@ -141,7 +142,8 @@ impl TiledSolid<'_> {
     ) {
         let (w, delta) = (self.options.half_width, self.delta());
         let patch = |&near_index: &u32| &self.patches[near.patches[near_index as usize] as usize];
-        self.locate(near, near_indices.iter().copied(), batch, evaluation);
+        let indices = near_indices.iter().copied();
+        self.locate(near, indices, (batch, delta), evaluation);
         let sup = near_indices
             .iter()
             .map(|p| patch(p).slope_sup)
