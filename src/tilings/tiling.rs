@@ -8,7 +8,7 @@
 //! |---|---|---|---|
 //! | `axis_aligned` | a box of equal hexes along the axes | rule Q, a cell that is a short trigonometric series, a narrow band | products of tabulated sines and cosines |
 //! | `interpolated` | one element over a leaf of 8^3 samples | a tolerance for it, rule Q, more than w inside the boundary, at most 0.7 waves of the cell over the leaf | polynomials through 4^3 or 6^3 nodes |
-//! | `batched` | at most 1,024 near 4^3 samples | rule Q | 64 samples at a time, Newton's method for curved maps |
+//! | `batched` | at most 1,024 elements near 4^3 samples | rule Q | 64 samples at a time, Newton's method for curved maps |
 //! | `distance_scale`, `exact` | any | single points, rule R, several components without a cut, more elements | point by point |
 //!
 //! ```

@@ -22,9 +22,9 @@ const CRATES: [&str; 7] = [
 /// Lines of Rust with comments that a folder of `src` may have. Who needs more raises its number in the same commit, and
 /// gives the reason there.
 const LINE_BUDGETS: [(&str, usize); 14] = [
-    ("geometry", 13587),
+    ("geometry", 13582),
     ("cells", 18315),
-    ("tilings", 32862),
+    ("tilings", 32836),
     ("effective", 8950),
     ("crystal", 8250),
     ("formats", 20626),

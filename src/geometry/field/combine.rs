@@ -82,7 +82,7 @@ fn fill_extreme<const S: i8>(
 /// Adds the values of a field to the extreme at the samples that are needed, and narrows their limits.
 fn add_extreme<const S: i8>(values: &[f32], limits: &mut ValueLimits, out: &mut [f32]) {
     let samples = out.iter_mut().zip(&mut limits.low).zip(&mut limits.high);
-    // Without branches, so that the compiler can use vector instructions.
+    // Without branches, so that the compiler can use vector instructions. NaN changes nothing.
     for (((o, low), high), &v) in samples.zip(values) {
         let is_needed = *low < *high;
         let exceeds = if S > 0 { v > *o } else { v < *o };

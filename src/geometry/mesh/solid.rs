@@ -290,27 +290,28 @@ impl MeshSolid {
         // Without a surface in a regular ball all samples have the sign of its centre.
         let inside_all = regular_sign.filter(|_| nearest_to_centre.distance > radius + slack);
         let signs = match inside_all {
-            Some(inside) => vec![Some(inside); lattice.len()],
+            Some(inside) => vec![inside; lattice.len()],
             None => self.signs(lattice, regular_sign.is_some(), (&distances, max_distance)),
         };
         for ((out, d), inside) in out.iter_mut().zip(distances).zip(signs) {
-            *out = self.precision.signed(d, inside == Some(true)) as f32;
+            *out = self.precision.signed(d, inside) as f32;
         }
         measured as u64
     }
 
     /// Whether each sample of a lattice is inside, from its distances. Of a distance beyond `max_distance`, at least the
-    /// step, no more is known than that. `is_regular` states that of all samples.
+    /// step, no more is known than that. `is_regular`: the whole lattice is one regular block.
     ///
-    /// No surface passes between two samples whose distances from it add up to more than the distance between them: the
-    /// sign goes from one to the other, along the axes in storage order. Samples nearer to the surface than half a step
-    /// that get none so take that of one of 26 neighbours at the end. Where no sign arrives the winding number decides.
+    /// No surface passes between two samples of a regular block whose distances from it add up to more than the distance
+    /// between them: the sign goes from one to the other, along the axes in storage order. A sample less than half a step
+    /// from the surface that no sign reaches so waits for the others, then tries its 26 neighbours. Where no sign arrives
+    /// the winding number decides.
     fn signs(
         &self,
         lattice: &SampleLattice<WorldPoint>,
         is_regular: bool,
         (distances, max_distance): (&[f64], f64),
-    ) -> Vec<Option<bool>> {
+    ) -> Vec<bool> {
         let [nx, ny, nz] = lattice.counts;
         let blocks = self.regular_blocks(lattice, is_regular);
         // By the squared number of steps between two samples: 1 along an axis, 2 or 3 along a diagonal.
@@ -356,6 +357,9 @@ impl MeshSolid {
             signs[n] = Some(arrived.unwrap_or_else(|| by_winding(n)));
         }
         signs
+            .into_iter()
+            .map(|inside| inside == Some(true))
+            .collect()
     }
 
     /// Labels of regular blocks of a lattice's samples (see [`Self::regular_sign`]); label 0 marks samples in

@@ -106,17 +106,8 @@ impl<L: Lanes> Eight<L> {
     /// The coordinates of eight points: a row each for x, y and z.
     #[inline(always)]
     pub fn points(lanes: L, points: [[f64; 3]; 8]) -> [Self; 3] {
-        let [a, b, c, d, e, f, g, h] = points;
-        let ([x, y, z], [u, v, w]) = (
-            lanes.transpose_points([a, b, c, d]),
-            lanes.transpose_points([e, f, g, h]),
-        );
-        let two = lanes.wide();
-        [
-            Self(lanes, two.join_fours([x, u])),
-            Self(lanes, two.join_fours([y, v])),
-            Self(lanes, two.join_fours([z, w])),
-        ]
+        let [x, y, z] = lanes.wide().transpose_eight(&points);
+        [Self(lanes, x), Self(lanes, y), Self(lanes, z)]
     }
 
     /// One bit per lane: whether self < bound.

@@ -34,7 +34,7 @@ use sample_batch::{MAX_SAMPLES, SampleBatch, bits};
 
 /// With more near elements than this, each part of a lattice has its own list of candidates.
 const MAX_SHARED_CANDIDATES: usize = 24;
-/// With more elements than this near a part, batches are not used: their data take 3 KiB for each element.
+/// With more elements than this near a part, batches are not used: their data take 6 KiB for each element.
 const MAX_BATCHED_ELEMENTS: usize = 1024;
 
 /// Buffers, reused from lattice to lattice.

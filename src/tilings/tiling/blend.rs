@@ -379,15 +379,6 @@ impl<C: CellField> Filling for Blend<'_, C> {
         self.for_each_value(element, points, |n, (value, _)| out[n] = value);
     }
 
-    fn values_and_gradients(
-        &self,
-        element: usize,
-        points: &[CellPoint<3>],
-        out: &mut [(f64, Vec3)],
-    ) {
-        self.for_each_value(element, points, |n, slope| out[n] = slope);
-    }
-
     fn values_and_gradients_f32(
         &self,
         element: usize,

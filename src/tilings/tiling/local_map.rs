@@ -25,21 +25,26 @@ pub(super) struct LocalMap {
 }
 
 impl LocalMap {
-    /// The expansion about another point, with the same second derivatives.
-    pub fn recentred(self, x: Vec3, preimage: &Preimage) -> Self {
+    /// The expansion of first order about a point with this preimage.
+    pub fn linear(x: Vec3, preimage: &Preimage) -> Self {
         Self {
             x,
             xi: preimage.xi,
             inverse: preimage.inverse,
-            ..self
+            second_derivatives: None,
         }
     }
 
     /// The same with second derivatives, which change little from point to point: known ones are kept.
     pub fn with_second_derivatives(self, map: CurvedMap) -> Self {
         let known = self.second_derivatives;
+        let is_finite = |all: &[Vec3; 6]| all.iter().all(|d| d.sum().is_finite());
+        let found = || {
+            map.second_derivatives(self.xi, &self.inverse)
+                .filter(is_finite)
+        };
         Self {
-            second_derivatives: known.or_else(|| map.second_derivatives(self.xi, &self.inverse)),
+            second_derivatives: known.or_else(found),
             ..self
         }
     }

@@ -63,16 +63,8 @@ impl LocalSearch {
         }
     }
 
-    /// The local map from which the next point of an element is estimated.
-    fn local_map(&self, near_index: usize, patch: &Patch) -> LocalMap {
-        self.local_maps[near_index]
-            .get()
-            .unwrap_or_else(|| patch.origin_map())
-    }
-
-    fn store_preimage(&self, near_index: usize, patch: &Patch, x: Vec3, preimage: &Preimage) {
-        let local_map = self.local_map(near_index, patch).recentred(x, preimage);
-        self.local_maps[near_index].set(Some(local_map));
+    fn store_preimage(&self, near_index: usize, x: Vec3, preimage: &Preimage) {
+        self.local_maps[near_index].set(Some(LocalMap::linear(x, preimage)));
     }
 
     /// The start and the tolerance of Newton's method for a point in an element.
@@ -188,7 +180,7 @@ impl TiledSolid<'_> {
             margin,
             local.inverse_options(near_index, x),
         )?;
-        local.store_preimage(near_index, patch, x, &preimage);
+        local.store_preimage(near_index, x, &preimage);
         Some(preimage)
     }
 
@@ -209,7 +201,7 @@ impl TiledSolid<'_> {
                 patch.interior_preimage(self.scaffold, x, local.inverse_options(near_index, x))
             {
                 if !patch.is_affine() {
-                    local.store_preimage(near_index, patch, x, &preimage);
+                    local.store_preimage(near_index, x, &preimage);
                 }
                 return Some(Owner {
                     near_index,

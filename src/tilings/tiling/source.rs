@@ -184,18 +184,6 @@ pub trait Filling: Send + Sync {
         }
     }
 
-    /// Values and gradients at points of one element, into `out` of the same length.
-    fn values_and_gradients(
-        &self,
-        element: usize,
-        points: &[CellPoint<3>],
-        out: &mut [(f64, Vec3)],
-    ) {
-        for (s, &p) in out.iter_mut().zip(points) {
-            *s = self.value_and_gradient(element, p);
-        }
-    }
-
     /// Values and derivatives by reference coordinates in single precision, into `out` of the same length.
     fn values_and_gradients_f32(
         &self,
@@ -276,10 +264,6 @@ impl<C: CellField> Filling for C {
 
     fn values(&self, _: usize, points: &[CellPoint<3>], out: &mut [f64]) {
         CellField::values(self, points, out);
-    }
-
-    fn values_and_gradients(&self, _: usize, points: &[CellPoint<3>], out: &mut [(f64, Vec3)]) {
-        CellField::values_and_gradients(self, points, out);
     }
 
     fn values_and_gradients_f32(&self, _: usize, points: &[CellPoint<3>], out: &mut [[f32; 4]]) {

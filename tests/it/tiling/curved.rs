@@ -84,6 +84,47 @@ fn values_in_bulk_are_those_of_single_points_in_graded_elements_of_every_kind() 
     }
 }
 
+/// A flat outer face of bent elements through the centres of blocks: these lie in one element, their samples on both sides.
+#[test]
+fn samples_beside_a_flat_face_have_the_values_of_single_points() {
+    for kind in [Kind::Tet10, Kind::Hex20] {
+        let (mut nodes, elements) = strategy::mesh(kind, [2, 2, 2], 0.0, 1);
+        for p in &mut nodes {
+            let q = *p;
+            p.y += 0.15 * q.y * q.y + 0.04 * q.x * q.y;
+            p.z += 0.10 * q.z * q.z + 0.06 * q.x * q.z;
+        }
+        let scaffold = Scaffold::new(nodes, elements).unwrap();
+        let surface = if kind.shape() == Element::Hex {
+            Surface::SchwarzP
+        } else {
+            Surface::Diamond
+        };
+        let table = Table::new(&surface.cell(kind.shape()).unwrap()).unwrap();
+        let h = 1.0 / 60.0;
+        let tiled = TiledSolid::new(&scaffold, &table, options(h)).unwrap();
+        let bounds = scaffold.bounds();
+        let mut noise = Noise::new(31);
+        for _ in 0..100 {
+            let share = noise.vector() * 0.5 + Vec3::repeat(0.5);
+            let mut origin = bounds.min + bounds.size().component_mul(&share);
+            origin.x = bounds.min.x - 0.5 * h;
+            let lattice = SampleLattice {
+                origin: WorldPoint(origin),
+                step: h,
+                counts: [4, 8, 8],
+            };
+            let mut values = vec![0f32; lattice.len()];
+            tiled.fill(&lattice, &mut values);
+            for (n, &v) in values.iter().enumerate() {
+                let single = tiled.value(lattice.point(n));
+                let off = (f64::from(v) - single).abs() / h;
+                assert!(off < 1e-4, "{kind:?}: {v} {single} at {n}");
+            }
+        }
+    }
+}
+
 #[test]
 fn limits_change_no_value_between_them() {
     let mut spared = 0;

@@ -4,8 +4,8 @@
 //! shares. In affine elements it is the greatest signed distance to the planes of the faces. In curved ones it is
 //! |x - M(c)| outside, with c the point of the cell where the map's continuation starts, and inside -depth, the reference
 //! distance to the faces times the least stretch; their bounding planes exclude the points that are far outside. Newton's
-//! method starts from the local map at a point of the last row. They change
-//! the locations within its tolerance.
+//! method starts from the local map at a point of the row before. The start changes locations within the method's
+//! tolerance.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
@@ -18,7 +18,7 @@ use crate::tiling::patch::{FACE_TOLERANCE, InverseOptions, Patch};
 use druse_geometry::frame::{CellPoint, Mat3, Vec3};
 use druse_geometry::simd::{self, Eight, Lanes, Number, SimdKernel, difference, splat_vector};
 
-/// Distance from the faces of a curved element, reference units, beyond which no rounding puts a point of another one.
+/// Depth below the faces of a curved element, reference units: a point so deep in two elements lies on no shared face.
 const INNER_DISTANCE: f64 = 1e-3;
 
 /// The locations of a batch's points in an element.
@@ -33,9 +33,9 @@ pub(super) struct BatchLocations {
     pub shares: u64,
     /// The points in the element.
     pub owns: u64,
-    /// The points more than this reach inside.
+    /// The points farther inside than that reach.
     pub deep: u64,
-    /// The points so far inside that another element that contains them overlaps this one.
+    /// The points so far inside that another element that contains them overlaps this one; in affine elements `deep`.
     pub inner: u64,
     /// Whether m is the distance to the planes of the faces.
     is_affine: bool,
@@ -75,7 +75,8 @@ impl BatchLocations {
     #[inline]
     pub fn has_no_face_within(&self, n: usize, radius: f64) -> bool {
         let m = self.outside(n);
-        m <= -radius || m >= if self.is_affine { radius } else { 0.0 }
+        let is_owned = self.owns >> n & 1 != 0;
+        m <= -radius || !is_owned && m >= if self.is_affine { radius } else { 0.0 }
     }
 
     /// Reference coordinates of point `n`, to which the element contributes.
@@ -154,7 +155,8 @@ impl Patch {
     }
 
     /// Locates the points of a batch whose rows are full. The element contributes to points less than `reach`
-    /// outside; points more than `reach` inside are deep. `start` is the local map of a curved element at a point before.
+    /// outside; points more than `reach` inside are deep. `start` is the local map of a curved element at
+    /// a point located before, and becomes that of a later one.
     pub(super) fn locate(
         &self,
         scaffold: &Scaffold,

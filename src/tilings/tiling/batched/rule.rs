@@ -48,13 +48,13 @@ impl<T: Copy + Default> Default for PerPoint<T> {
 }
 
 impl BatchEvaluation {
-    /// Starts over with other near elements. Nothing is kept: earlier points must not affect even the last bits.
+    /// Starts over with other near elements. No local map is kept: earlier points must not affect even the last bits.
     pub fn start(&mut self, near: &NearElements) {
         self.local_maps.clear();
         self.local_maps.resize(near.patches.len(), None);
     }
 
-    /// Lower bound of the distance of a point from the first `count` elements.
+    /// The least m of a point among the first `count` elements: at most its distance outside affine ones.
     #[inline]
     pub fn outside(&self, count: usize, n: usize) -> f64 {
         let all = self.locations[..count].iter();

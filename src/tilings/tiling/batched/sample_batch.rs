@@ -100,7 +100,7 @@ impl SampleBatch {
         ]
     }
 
-    /// The numbers of the rows in use, whose last one must be full.
+    /// The rows in use; the last one is full after [`Self::fill_up`].
     pub fn rows(&self) -> std::ops::Range<usize> {
         0..self.len.div_ceil(ROW).min(MAX_SAMPLES / ROW)
     }
