@@ -11,8 +11,6 @@ use super::Lanes;
 pub trait WideLanes: Copy {
     /// Eight `f32`.
     type Row: Copy;
-    /// Four `f64`.
-    type Four: Copy;
     /// Sixteen `f32`.
     type Pair: Copy;
     /// Eight `f64`.
@@ -51,8 +49,6 @@ pub trait WideLanes: Copy {
     fn eight_to_array(self, v: Self::Eight) -> [f64; 8];
     /// Converts to `f64`.
     fn widen_eight(self, v: Self::Row) -> Self::Eight;
-    /// Joins two rows of four.
-    fn join_fours(self, fours: [Self::Four; 2]) -> Self::Eight;
     /// The coordinates of eight points: a row each for x, y and z.
     fn transpose_eight(self, points: &[[f64; 3]; 8]) -> [Self::Eight; 3];
     /// `v` in all eight lanes.
@@ -107,7 +103,6 @@ macro_rules! on_rows {
 
 impl<L: Lanes> WideLanes for RowPair<L> {
     type Row = L::F;
-    type Four = L::D;
     type Pair = [L::F; 2];
     type Eight = [L::D; 2];
     on_rows!(L::F:
@@ -177,10 +172,6 @@ impl<L: Lanes> WideLanes for RowPair<L> {
     #[inline(always)]
     fn widen_eight(self, v: L::F) -> [L::D; 2] {
         self.0.widen(v)
-    }
-    #[inline(always)]
-    fn join_fours(self, fours: [L::D; 2]) -> [L::D; 2] {
-        fours
     }
     #[inline(always)]
     fn transpose_eight(self, points: &[[f64; 3]; 8]) -> [[L::D; 2]; 3] {

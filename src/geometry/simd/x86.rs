@@ -15,7 +15,7 @@ pub struct Avx2Lanes<T>(pub(super) V3, pub(super) T);
 /// The instructions for rows of twice the length.
 pub trait WideSupport: Copy {
     /// The arithmetic on such rows.
-    type Wide: WideLanes<Row = f32x8, Four = f64x4>;
+    type Wide: WideLanes<Row = f32x8>;
     /// That arithmetic on a processor with `v3`.
     fn wide(self, v3: V3) -> Self::Wide;
 }
@@ -241,7 +241,6 @@ impl<T: WideSupport> Lanes for Avx2Lanes<T> {
 
 impl WideLanes for V4 {
     type Row = f32x8;
-    type Four = f64x4;
     type Pair = f32x16;
     type Eight = f64x8;
     forward!([] f32x16:
@@ -309,11 +308,6 @@ impl WideLanes for V4 {
     #[inline(always)]
     fn widen_eight(self, v: f32x8) -> f64x8 {
         cast(self.avx512f._mm512_cvtps_pd(cast(v)))
-    }
-    #[inline(always)]
-    fn join_fours(self, [low, high]: [f64x4; 2]) -> f64x8 {
-        let low = self.avx512f._mm512_castpd256_pd512(cast(low));
-        cast(self.avx512f._mm512_insertf64x4::<1>(low, cast(high)))
     }
     #[inline(always)]
     fn transpose_eight(self, v: &[[f64; 3]; 8]) -> [f64x8; 3] {
