@@ -72,7 +72,7 @@ impl<T: Copy + Send + Sync> Bins<T> {
             .with_min_len(POINTS_PER_TASK)
             .map(cube)
             .collect();
-        // Points in the order of leaves are sorted already, which saves the copy.
+        // Points in the order of leaves are sorted already, but for those on a voxel of the next leaf.
         let is_sorted = cubes
             .par_windows(2)
             .with_min_len(POINTS_PER_TASK)
@@ -82,8 +82,18 @@ impl<T: Copy + Send + Sync> Bins<T> {
         } else {
             let mut order: Vec<(u32, u32)> = cubes.into_iter().zip(0..).collect();
             order.par_sort_unstable();
-            let sorted = order.par_iter().with_min_len(POINTS_PER_TASK);
-            sites = sorted.map(|&(_, n)| sites[n as usize]).collect();
+            // In place, cycle by cycle: a copy of the points would take the most memory of many runs.
+            for start in 0..order.len() {
+                let mut to = start;
+                loop {
+                    let from = std::mem::replace(&mut order[to].1, to as u32) as usize;
+                    if from == start {
+                        break;
+                    }
+                    sites.swap(to, from);
+                    to = from;
+                }
+            }
             order.into_iter().map(|(cube, _)| cube).collect()
         };
         let mut first = vec![0; counts.product() + 1];
@@ -169,6 +179,37 @@ impl<T: Copy + Send + Sync> Bins<T> {
             let is_near = |site: &Site<T>| (site.position - centre).norm_squared() < square;
             self.square_distance(cube, centre) < square && sites.iter().any(is_near)
         })
+    }
+
+    /// The site nearest to `centre`, a finite point; of equally near ones that with the least coordinates.
+    pub fn nearest(&self, centre: Vec3) -> Option<Site<T>> {
+        if self.sites.is_empty() {
+            return None;
+        }
+        // A ball with a site in it holds the nearest one.
+        let mut reach = self.edge;
+        while reach.is_finite() {
+            let mut square = reach * reach;
+            let mut nearest: Option<Site<T>> = None;
+            self.visit(self.around(centre, reach), |cube, sites| {
+                if self.square_distance(cube, centre) <= square {
+                    for site in sites {
+                        let own = (site.position - centre).norm_squared();
+                        let is_before =
+                            |other: Site<T>| site.position.as_slice() < other.position.as_slice();
+                        if own < square || own == square && nearest.is_none_or(is_before) {
+                            (square, nearest) = (own, Some(*site));
+                        }
+                    }
+                }
+                false
+            });
+            if nearest.is_some() {
+                return nearest;
+            }
+            reach *= 2.0;
+        }
+        None
     }
 
     /// The lowest and the highest cube, by their indices, that a ball meets, along each axis.
@@ -268,6 +309,13 @@ mod tests {
                 let is_near = |s: &Site<usize>| (s.position - p).norm_squared() < reach * reach;
                 let any = sites.iter().any(is_near);
                 assert_eq!(bins.any_within(p, reach), any);
+                let square = |s: &&Site<usize>| (s.position - p).norm_squared();
+                let key = |s: &&Site<usize>| (square(s), <[f64; 3]>::from(s.position));
+                let scan = sites
+                    .iter()
+                    .min_by(|a, b| key(a).partial_cmp(&key(b)).unwrap());
+                let nearest = bins.nearest(p).map(|s| s.position);
+                assert_eq!(nearest, scan.map(|s| s.position));
                 found[0] += usize::from(smallest.is_some());
                 found[1] += usize::from(bound.is_some());
                 found[2] += usize::from(any);
@@ -281,6 +329,6 @@ mod tests {
                 .smallest_ball(Vec3::zeros(), z, 5.0, |_| true)
                 .is_none()
         );
-        assert!(!empty.any_within(Vec3::zeros(), 5.0));
+        assert!(!empty.any_within(Vec3::zeros(), 5.0) && empty.nearest(z).is_none());
     }
 }

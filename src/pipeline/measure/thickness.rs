@@ -23,9 +23,6 @@ use crate::pipeline::base::error::RunError;
 use crate::progress::Cancelled;
 use crate::vdb::LevelSet;
 use rayon::prelude::*;
-use rstar::RTree;
-use rstar::primitives::GeomWithData;
-use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
 /// Approximate number of points at which thickness is measured, if the surface has more.
@@ -157,7 +154,7 @@ impl SolidGeometry {
 }
 
 /// The thickness at points of a surface, searched by the nearest point.
-pub(crate) struct Thickness(RTree<GeomWithData<[f64; 3], f32>>);
+pub(crate) struct Thickness(Bins<f32>);
 
 impl Thickness {
     /// Measures it over the closed mesh of a solid in memory.
@@ -176,19 +173,23 @@ impl Thickness {
         surface: &impl RegionalSurface,
         solid: SolidGeometry,
     ) -> Result<Self, RunError> {
-        let walls = walls(context, "thickness", TARGET_POINTS, surface, solid)?.into_iter();
-        let points =
-            walls.map(|(p, wall)| GeomWithData::new(<[f64; 3]>::from(p), wall.thickness as f32));
-        Ok(Self(RTree::bulk_load(points.collect())))
+        let walls = walls(context, "thickness", TARGET_POINTS, surface, solid)?;
+        // Twice the distance between points, from the area that the band tells: most searches meet eight cubes.
+        let area = solid.active_voxels as f64 / (2.0 * context.half_width);
+        let spacing = solid.lattice.voxel_size * (area / walls.len().max(1) as f64).sqrt();
+        let sites = walls.into_iter().map(|(position, wall)| Site {
+            position,
+            value: wall.thickness as f32,
+        });
+        let sites = sites.collect();
+        Ok(Self(
+            context.threads.install(|| Bins::new(sites, 2.0 * spacing)),
+        ))
     }
 
     /// The thickness at a point, in the unit of the solid; 0 if no ball is inscribed anywhere.
     pub fn at(&self, p: Vec3) -> f32 {
-        let nearest = self.0.nearest_neighbors(&p.into()).into_iter();
-        // Of equally near points the one with the smallest coordinates, so that their order does not matter.
-        let first =
-            nearest.min_by(|a, b| a.geom().partial_cmp(b.geom()).unwrap_or(Ordering::Equal));
-        first.map_or(0.0, |point| point.data)
+        self.0.nearest(p).map_or(0.0, |site| site.value)
     }
 }
 
