@@ -480,3 +480,73 @@ fn straight_boundaries_are_not_subdivided() {
     assert_eq!(b.mesh.triangles().len(), 2 * 2 * (6 + 3 + 2));
     assert!((b.mesh.volume() - 6.0).abs() < 1e-12 && is_closed(&b.mesh));
 }
+
+/// Faces in a plane with curved sides: the area between the sides, and few triangles.
+#[test]
+fn faces_in_a_plane_are_divided_by_their_sides() {
+    const TOLERANCE: f64 = 1e-3;
+    let mut noise = Noise::new(5);
+    for (kind, inner_points) in [(Kind::Tet10, 0), (Kind::Hex20, 1), (Kind::Hex27, 1)] {
+        let face = &kind.faces()[0];
+        let count = face.corners.len();
+        let [mut by_sides, mut by_bend] = [0, 0];
+        for n in 0..90 {
+            let mut nodes: Vec<Vec3> = kind.reference_nodes().iter().map(|p| p.0).collect();
+            // Every other element is mirrored.
+            for p in &mut nodes {
+                p.x *= [1.0, -1.0][n % 2];
+            }
+            let corner = |nodes: &[Vec3], i: usize| nodes[face.corners[i % count] as usize];
+            let [a, b, c] = [0, 1, 2].map(|i| corner(&nodes, i));
+            let normal = (b - a).cross(&(c - a)).normalize();
+            for &m in face.mids.iter().chain(&face.centre) {
+                let shift = Vec3::from_fn(|_, _| noise.signed()) * (0.1 * (1 + n % 3) as f64);
+                nodes[m as usize] += shift - normal * normal.dot(&shift);
+            }
+            let s = single(kind, &nodes);
+            if folded(&s.element(0)) {
+                continue;
+            }
+            // The polygon of the corners, and a part of a parabola beside each side.
+            let mut area = 0.0;
+            for (i, &m) in face.mids.iter().enumerate() {
+                let [from, to] = [i, i + 1].map(|i| corner(&nodes, i));
+                let bulge = nodes[m as usize] - (from + to) / 2.0;
+                area += (from - a).cross(&(to - a)).dot(&normal) / 2.0;
+                area += bulge.cross(&(to - from)).dot(&normal) * 2.0 / 3.0;
+            }
+            let boundary = s.boundary(0, TOLERANCE);
+            assert!(is_closed(&boundary.mesh) && boundary.mesh.volume() > 0.0);
+            let mut vertices = Vec::new();
+            let mut found = (0, 0.0);
+            for (t, _) in boundary
+                .faces
+                .iter()
+                .enumerate()
+                .filter(|(_, f)| f.face == 0)
+            {
+                let [p, q, r] = boundary.mesh.corners(t);
+                assert!((p - a).dot(&normal).abs() < 1e-12);
+                // A triangle turned over would count twice.
+                found = (found.0 + 1, found.1 + (q - p).cross(&(r - p)).norm() / 2.0);
+                vertices.extend(boundary.mesh.triangles()[t]);
+            }
+            assert!(
+                (found.1 - area.abs()).abs() < 8.0 * TOLERANCE,
+                "{n} {found:?} {area}"
+            );
+            vertices.sort_unstable();
+            vertices.dedup();
+            // Without a point inside, a polygon has two triangles fewer than sides; each point adds two.
+            if found.0 + 2 == vertices.len() + inner_points {
+                by_sides += 1;
+            } else {
+                by_bend += 1;
+            }
+        }
+        assert!(
+            by_sides > 2 * by_bend && by_sides > 30,
+            "{kind:?} {by_sides} {by_bend}"
+        );
+    }
+}

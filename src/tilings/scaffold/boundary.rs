@@ -5,7 +5,8 @@
 //! parameter vectors e of a triangle's edges. The linear interpolant is off by at most m/6 where F''
 //! is constant (triangles of quadratic elements), m/2 in general (quads): a triangle is fine when
 //! every edge is. Whether an edge is bisected depends on that edge alone, for the sides of a face on
-//! both faces that meet there, so the mesh has no cracks.
+//! both faces that meet there, so the mesh has no cracks. In a plane only the sides count: any
+//! triangles between them are the face, so long as none is turned over.
 
 use super::{FaceRef, Kind, Scaffold};
 use druse_geometry::frame::{CellPoint, Vec3};
@@ -14,6 +15,9 @@ use std::collections::HashMap;
 
 /// Minimum length of the parts that a side is divided into, as a share of the side.
 const MIN_PART_LENGTH: f64 = 1.0 / 1024.0;
+
+/// Nodes this far from a plane count as in it, as a share of the chordal error: they are rounded, and add little to it.
+const PLANE_TOLERANCE: f64 = 1.0 / 64.0;
 
 /// A component's surface.
 #[derive(Clone, Debug)]
@@ -36,7 +40,7 @@ impl Scaffold {
             .iter()
             .flat_map(|&e| self.faces_of(e as usize))
             .filter(|f| self.neighbour(*f) == super::Neighbour::Outside)
-            .map(|f| Surface::new(self, f))
+            .map(|f| Surface::new(self, f, chordal_error))
             .collect();
         // Two faces share a side. The greater error of both decides how often it is cut, so that no gap opens.
         let mut sides: HashMap<[u32; 2], f64> = HashMap::new();
@@ -81,12 +85,14 @@ struct Surface {
     xi: Vec<Vec3>,
     /// Second derivatives: exact for triangles; bounds along x for quads.
     second: [Vec3; 3],
+    /// The outward unit normal of a face in a plane; `None` for others and for those without area.
+    plane_normal: Option<Vec3>,
 }
 
 impl Surface {
     /// The face with its corners counter-clockwise seen from outside, and its second derivatives. Mid node i lies on
     /// the side from corner i to the next.
-    fn new(scaffold: &Scaffold, face: FaceRef) -> Self {
+    fn new(scaffold: &Scaffold, face: FaceRef, chordal_error: f64) -> Self {
         let e = scaffold.element(face.element as usize);
         let kind = e.kind();
         let local = kind.faces()[face.face as usize];
@@ -106,10 +112,18 @@ impl Surface {
         let point = |n: &u8| scaffold.nodes()[number(n) as usize];
         let c: Vec<Vec3> = corners.iter().map(point).collect();
         let m: Vec<Vec3> = mids.iter().map(point).collect();
+        let centre = local.centre.map(|n| point(&n));
         let second = if c.len() == 3 {
             triangle_bend(&c, &m)
         } else {
-            quad_bend(&c, &m, local.centre.map(|n| point(&n)))
+            quad_bend(&c, &m, centre)
+        };
+        // The diagonals of a quad, two sides of a triangle.
+        let [u, v] = [c[2] - c[0], c[c.len() - 1] - c[1]];
+        let normal = u.cross(&v).try_normalize(0.0);
+        let is_in_plane = |n: &Vec3| {
+            let mut all = c.iter().chain(&m).chain(&centre);
+            all.all(|p| n.dot(&(p - c[0])).abs() <= PLANE_TOLERANCE * chordal_error)
         };
         Self {
             face,
@@ -118,6 +132,7 @@ impl Surface {
             corners: corners.iter().map(number).collect(),
             mids: mids.iter().map(number).collect(),
             second,
+            plane_normal: normal.filter(is_in_plane),
         }
     }
 
@@ -242,9 +257,28 @@ struct Builder<'a> {
 }
 
 impl Builder<'_> {
-    /// Adds the triangles of an outer face, fine enough for its curvature. A side has the error of both faces at it, so
-    /// that they have the same points on it.
+    /// Adds the triangles of an outer face, fine enough for its curvature.
     fn add(&mut self, s: &Surface) {
+        let first = self.triangles.len();
+        self.divide(s, s.plane_normal.is_some());
+        let Some(normal) = s.plane_normal else {
+            return;
+        };
+        let is_turned_over = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|v| self.points[v as usize]);
+            (b - a).cross(&(c - a)).dot(&normal) <= 0.0
+        };
+        // Curved sides may reach across triangles that are too long. The points on them remain.
+        if self.triangles[first..].iter().any(is_turned_over) {
+            self.triangles.truncate(first);
+            self.faces.truncate(first);
+            self.divide(s, false);
+        }
+    }
+
+    /// Divides an outer face into triangles; one in a plane by its sides alone, if `by_sides`. A side has the error of
+    /// both faces at it, so that they have the same points on it.
+    fn divide(&mut self, s: &Surface, by_sides: bool) {
         let n = s.count();
         let corners: Vec<u32> = (0..n).map(|i| self.corner(s, i)).collect();
         let side = |i: usize| Some(i as u8);
@@ -257,10 +291,11 @@ impl Builder<'_> {
                     vertices: [corners[0], corners[1], corners[2]],
                     sides: [side(0), side(1), side(2)],
                 },
+                by_sides,
             );
             return;
         }
-        let flat = s.error([1.0, 1.0]) <= self.tolerance
+        let flat = (by_sides || s.error([1.0, 1.0]) <= self.tolerance)
             && (0..4).all(|i| self.sides[&s.side(i)] <= self.tolerance);
         if flat {
             // Along the diagonal of the lowest node: the same whatever the numbering in the element.
@@ -281,6 +316,7 @@ impl Builder<'_> {
                     vertices: [corners[i], corners[j], middle],
                     sides: [side(i), None, None],
                 },
+                by_sides,
             );
         }
     }
@@ -292,12 +328,18 @@ impl Builder<'_> {
     }
 
     /// Bisects the worst edge until all are within the tolerance. A piece keeps for each of its edges the side of the
-    /// face that it lies on.
-    fn refine(&mut self, s: &Surface, whole: Piece) {
+    /// face that it lies on. With `by_sides` no other edge is bisected.
+    fn refine(&mut self, s: &Surface, whole: Piece, by_sides: bool) {
         // An edge on a side has the side's error from both faces, so that both cut it alike.
         let mut open = vec![whole];
         while let Some(p) = open.pop() {
-            let errors = [0, 1, 2].map(|i| self.edge_error(s, &p, i));
+            let errors = [0, 1, 2].map(|i| {
+                if by_sides && p.sides[i].is_none() {
+                    0.0
+                } else {
+                    self.edge_error(s, &p, i)
+                }
+            });
             let worst = (1..3).fold(0, |w, i| if errors[i] > errors[w] { i } else { w });
             if errors[worst] <= self.tolerance {
                 self.emit(s, p.vertices);
