@@ -22,16 +22,16 @@ const CRATES: [&str; 7] = [
 /// Lines of Rust with comments that a folder of `src` may have. Who needs more raises its number in the same commit, and
 /// gives the reason there.
 const LINE_BUDGETS: [(&str, usize); 14] = [
-    ("geometry", 13582),
+    ("geometry", 13723),
     ("cells", 18315),
-    ("tilings", 32836),
+    ("tilings", 32988),
     ("effective", 8950),
     ("crystal", 8250),
     ("formats", 20626),
     ("solids", 5820),
     ("vdb", 11705),
     ("recipe", 5650),
-    ("pipeline", 24122),
+    ("pipeline", 24171),
     ("cli", 15400),
     ("sequence", 350),
     ("python", 2550),

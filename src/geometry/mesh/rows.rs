@@ -3,18 +3,20 @@
 //! A triangle lies in a disc of radius r about its centre c in its plane, of normal n. With the height h = n . (p - c)
 //! and the distance l = sqrt(|p - c|^2 - h^2) across, its squared distance from p is at least h^2 + max(l - r, 0)^2.
 //! Triangles whose bound exceeds the distance known so far are left out; the rest are measured in full, with the bits of
-//! the scalar code. The law `lattices_at_fans_are_measured_bit_for_bit` compares both.
+//! the scalar code. The law `lattices_at_fans_are_measured_bit_for_bit` compares both. A search for nearest triangles
+//! excludes by the soup's discs, in single precision; `cut_soups_give_what_a_scan_of_all_triangles_gives` compares it.
 // Small functions of a hot path: inlining compiles them for the instruction set of their caller. Arithmetic on
 // lanes avoids closures, which would not inherit that instruction set.
 #![allow(clippy::inline_always)]
 
 use super::sliver::Sliver;
+use super::soup::Soup;
 use super::triangle::closest_point;
 use crate::frame::Vec3;
 use crate::simd::{self, Eight, Lanes, Number, SimdKernel, difference, splat_vector};
 
 /// Number of points per row.
-const ROW: usize = 8;
+pub(super) const ROW: usize = 8;
 /// Margins for the rounding of coordinates, relative to the greatest one, and for that of distances.
 const COORDINATE_ROUNDING: f64 = 1e-12;
 const DISTANCE_MARGIN: f64 = 1.0 + 1e-9;
@@ -133,6 +135,74 @@ impl SimdKernel for Distances<'_> {
             previous = Some((p, distance));
             out.copy_from_slice(&distance.row()[..out.len()]);
         }
+    }
+}
+
+/// A search for the triangles of some slots that are nearest to the points of a row, finite, within a radius. Gives
+/// their slots, `u32::MAX` where there is none.
+pub(super) struct NearestOfRow<'a> {
+    pub soup: &'a Soup,
+    pub slots: &'a [u32],
+    pub points: [Vec3; ROW],
+    /// World units.
+    pub radius: f64,
+}
+
+impl SimdKernel for NearestOfRow<'_> {
+    type Output = [u32; ROW];
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> Self::Output {
+        let local = self.soup.bvh.local();
+        let coordinates = self.points.map(<[f64; 3]>::from);
+        let p = Eight::points(lanes, coordinates);
+        // In the tree's frame, for the discs.
+        let mut q = [[0.0; ROW]; 3];
+        for (n, point) in self.points.iter().enumerate() {
+            let point = local.point(*point);
+            for a in 0..3 {
+                q[a][n] = point[a] as f32;
+            }
+        }
+        let q = [lanes.load(&q[0]), lanes.load(&q[1]), lanes.load(&q[2])];
+        let mut reaches = [local.length(self.radius) as f32; ROW];
+        let mut best = Eight::of(lanes, &[self.radius * self.radius; ROW]);
+        let mut found = [(u32::MAX, u32::MAX); ROW];
+        for &slot in self.slots {
+            if self
+                .soup
+                .disc(slot)
+                .bits_beyond(lanes, q, lanes.load(&reaches))
+                == u8::MAX
+            {
+                continue;
+            }
+            let corners = &self.soup.corners[slot as usize];
+            let squared = match self.soup.sliver(slot as usize) {
+                Some(sliver) => {
+                    let offset = difference(sliver.closest(p), p);
+                    dot(offset, offset)
+                }
+                None => squared_distance(lanes, corners, p, &coordinates),
+            };
+            let (above, below) = (best.bits_below(squared), squared.bits_below(best));
+            if above == u8::MAX {
+                continue;
+            }
+            // Of equally near triangles that of least number, of its parts that of the first slot, as for one point.
+            let own = (self.soup.number[slot as usize], slot);
+            for (n, found) in found.iter_mut().enumerate() {
+                let is_equal = (above | below) >> n & 1 == 0;
+                if below >> n & 1 != 0 || is_equal && own < *found {
+                    *found = own;
+                }
+            }
+            best = best.min(squared);
+            for (reach, distance) in reaches.iter_mut().zip(best.sqrt().row()) {
+                *reach = local.length(distance) as f32;
+            }
+        }
+        found.map(|(_, slot)| slot)
     }
 }
 

@@ -3,14 +3,17 @@
 //! A slot is a triangle's place in the hierarchy; its number is the caller's. Discs around triangles exclude most of
 //! them in `f32`, always on the safe side; distances of the rest are computed in `f64`. Long triangles can be cut into
 //! pieces, each with a box of its own, in a second hierarchy. A hint affects the time of a search and not its result.
+// Tests of discs must be inlined into a caller that is compiled for the processor at hand.
+#![allow(clippy::inline_always)]
 
 use super::bvh::{Bvh, LocalFrame};
 use super::pieces::PieceTree;
 use super::plates::Plates;
-use super::rows::Facet;
+use super::rows::{Facet, NearestOfRow, ROW};
 use super::sliver::{Sliver, Thinness};
 use super::triangle::closest_point_of_regular;
 use crate::frame::{Aabb, Vec3};
+use crate::simd::{self, Lanes};
 use std::sync::OnceLock;
 
 /// The point of a surface nearest to a query point.
@@ -36,7 +39,7 @@ impl ClosestPoint {
 /// A disc that contains a triangle in its plane, in the tree's local frame: it bounds the distance much
 /// tighter than a box for points far along the normal.
 #[derive(Clone, Copy)]
-struct Disc {
+pub(super) struct Disc {
     centre: [f32; 3],
     /// The unit normal; zero turns the disc into a ball.
     normal: [f32; 3],
@@ -77,9 +80,7 @@ impl Disc {
             d2 += d * d;
             height += d * self.normal[a];
         }
-        // The terms cover the relative rounding of distances, the rounding of the normal over the disc, and
-        // the absolute rounding of coordinates in [-1, 1].
-        let max_distance = max_distance * (1.0 + 4e-6) + 1e-6 * self.radius + 6e-7;
+        let max_distance = max_distance * DISTANCE_FACTOR + self.slack();
         let remaining2 = max_distance * max_distance - height * height;
         // sqrt(d2 - height^2) > radius + sqrt(remaining2), without roots where possible.
         let across2 = d2 - height * height;
@@ -88,7 +89,35 @@ impl Disc {
             across2 > limit * limit
         }
     }
+
+    /// As [`Self::is_beyond`] for a row of points: one bit each.
+    #[inline(always)]
+    pub(super) fn bits_beyond<L: Lanes>(&self, l: L, p: [L::F; 3], max_distance: L::F) -> u8 {
+        let (mut d2, mut height) = (l.splat(0.0), l.splat(0.0));
+        for a in 0..3 {
+            let d = l.sub(p[a], l.splat(self.centre[a]));
+            d2 = l.fused(d, d, d2);
+            height = l.fused(d, l.splat(self.normal[a]), height);
+        }
+        let slack = l.splat(self.slack());
+        let max_distance = l.fused(max_distance, l.splat(DISTANCE_FACTOR), slack);
+        let height2 = l.mul(height, height);
+        let remaining2 = l.sub(l.mul(max_distance, max_distance), height2);
+        let zero = l.splat(0.0);
+        let limit = l.add(l.splat(self.radius), l.sqrt(l.max(remaining2, zero)));
+        let across2 = l.sub(d2, height2);
+        l.below(remaining2, zero) | l.below(l.mul(limit, limit), across2)
+    }
+
+    /// Covers the rounding of the normal over the disc, and the absolute rounding of coordinates in [-1, 1].
+    #[inline(always)]
+    fn slack(&self) -> f32 {
+        1e-6 * self.radius + 6e-7
+    }
 }
+
+/// Covers the relative rounding of distances in `f32`.
+const DISTANCE_FACTOR: f32 = 1.0 + 4e-6;
 
 /// Number of discs in a pack.
 pub(super) const PACK_SIZE: usize = 8;
@@ -183,9 +212,15 @@ impl Soup {
         self.pieces.is_some()
     }
 
+    /// The disc of the triangle in a slot.
+    #[inline]
+    pub(super) fn disc(&self, slot: u32) -> &Disc {
+        &self.discs[slot as usize]
+    }
+
     /// The frame of the sliver in a slot; `None` for other triangles.
     #[inline]
-    fn sliver(&self, slot: usize) -> Option<&Sliver> {
+    pub(super) fn sliver(&self, slot: usize) -> Option<&Sliver> {
         self.slivers.get(self.discs[slot].sliver as usize)
     }
 
@@ -291,13 +326,40 @@ impl Soup {
         search.found
     }
 
-    /// The closest point on the triangles of some slots, if within `radius`.
+    /// The closest point on the triangles of some slots, if within `radius`; else [`ClosestPoint::NOT_FOUND`].
     pub(crate) fn closest_among(&self, slots: &[u32], p: Vec3, radius: f64) -> ClosestPoint {
         let mut search = Search::new(self, p, radius);
         for &slot in slots {
             search.visit(slot as usize);
         }
         search.found.0
+    }
+
+    /// As [`Self::closest_among`] for several points, which should be close together.
+    pub(crate) fn closest_among_all(
+        &self,
+        slots: &[u32],
+        points: &[Vec3],
+        radius: f64,
+        mut take: impl FnMut(usize, ClosestPoint),
+    ) {
+        for first in (0..points.len()).step_by(ROW) {
+            // The last point pads the last row.
+            let at = |n: usize| (first + n).min(points.len() - 1);
+            let nearest = simd::run(NearestOfRow {
+                soup: self,
+                slots,
+                points: std::array::from_fn(|n| points[at(n)]),
+                radius,
+            });
+            for (n, slot) in (first..points.len()).zip(nearest) {
+                let mut search = Search::new(self, points[n], radius);
+                if slot != u32::MAX {
+                    search.visit(slot as usize);
+                }
+                take(n, search.found.0);
+            }
+        }
     }
 
     /// Replaces `found` by the slots of all triangles that may be nearer than `max_distance` to a box. The distance is
@@ -461,11 +523,22 @@ mod tests {
         let (cut, uncut) = (Soup::new(&triangles), Soup::uncut(&triangles));
         assert!(cut.is_cut() && !uncut.is_cut());
         let bounds = Aabb::of(triangles.iter().flat_map(|t| t.0));
+        let slots: Vec<u32> = (0..triangles.len() as u32).rev().collect();
         let mut inside = 0;
         let mut points = random_points(300);
         // Points on sides and corners have the same distance from several triangles.
         points.extend(triangles.iter().step_by(7).map(|t| (t.0[0] + t.0[1]) / 2.0));
         points.extend(triangles.iter().step_by(11).map(|t| t.0[1]));
+        // Rows of eight, and a rest: the bits of single points, within a radius and beyond.
+        let mut found = [0; 3];
+        for (radius, found) in [0.0, 0.2, 3.0].into_iter().zip(&mut found) {
+            uncut.closest_among_all(&slots, &points, radius, |n, closest| {
+                assert_eq!(closest, uncut.closest_among(&slots, points[n], radius));
+                *found += usize::from(closest.triangle != u32::MAX);
+            });
+        }
+        assert!(found[0] < found[1] && found[1] < found[2], "{found:?}");
+        assert_eq!(found[2], points.len());
         for p in points {
             let from = |slot: usize| (cut.closest_point(slot, p) - p).norm_squared();
             let scan = (0..triangles.len()).map(|slot| (from(slot), cut.number[slot]));

@@ -1,6 +1,6 @@
 //! Search for points in balls, in a grid of cubes over points with values.
 //!
-//! A few searches take less time than to build a k-d tree.
+//! Sorting points into cubes takes less time than to build a tree, and so does a search where points are evenly spread.
 
 use crate::frame::{Aabb, Vec3};
 use rayon::prelude::*;
@@ -72,7 +72,7 @@ impl<T: Copy + Send + Sync> Bins<T> {
             .with_min_len(POINTS_PER_TASK)
             .map(cube)
             .collect();
-        // Points in the order of leaves are sorted already, but for those on a voxel of the next leaf.
+        // Points in the order of leaves are mostly sorted already: then none is moved.
         let is_sorted = cubes
             .par_windows(2)
             .with_min_len(POINTS_PER_TASK)
@@ -187,7 +187,7 @@ impl<T: Copy + Send + Sync> Bins<T> {
             return None;
         }
         // A ball with a site in it holds the nearest one.
-        let mut reach = self.edge;
+        let mut reach = self.edge / 2.0;
         while reach.is_finite() {
             let mut square = reach * reach;
             let mut nearest: Option<Site<T>> = None;

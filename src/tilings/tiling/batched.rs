@@ -21,7 +21,7 @@ mod rule;
 mod sample_batch;
 
 use super::TiledSolid;
-use super::boundary::RegionFacts;
+use super::boundary::{KnownSide, RegionFacts};
 use super::fill::{FillRequest, PartOfLattice, parts};
 use super::locality::{LocalSearch, NEIGHBOUR_DISTANCE, NearElements, near_surface_distance};
 use block::{BLOCK_EDGE, BLOCK_VOLUME, Block, BlockSpan, FillContext, Part, sample_offset};
@@ -56,6 +56,8 @@ pub(super) struct BatchBuffers {
     block_spans: [Vec<BlockSpan>; 3],
     /// Elements near a part, where many elements are near the lattice.
     candidates: NearElements,
+    /// A point of the lattice on a known side of the boundary; set before each lattice.
+    pub known_side: Option<KnownSide>,
     /// Whether some sample out of the band may have a neighbour of the other sign.
     has_unproved_sign: bool,
     /// Number of cell evaluations.
@@ -152,7 +154,7 @@ impl TiledSolid<'_> {
                 let Some(wanted) = request.wanted_in(&part, self.options.half_width) else {
                     continue;
                 };
-                let own = self.part_depth(&whole, &part, depth);
+                let own = self.part_depth(&whole, &part, depth, &mut buffers.known_side);
                 if !self.is_far_outside(own, wanted) {
                     self.add_part(&whole, &part, own, wanted, buffers);
                 }
@@ -167,7 +169,7 @@ impl TiledSolid<'_> {
             let Some(wanted) = request.wanted_in(&part, self.options.half_width) else {
                 continue;
             };
-            let own = self.part_depth(&whole, &part, depth);
+            let own = self.part_depth(&whole, &part, depth, &mut buffers.known_side);
             if self.is_far_outside(own, wanted) {
                 continue;
             }
@@ -236,6 +238,7 @@ impl TiledSolid<'_> {
         context: &FillContext,
         part: &PartOfLattice,
         lattice_depth: Interval,
+        known_side: &mut Option<KnownSide>,
     ) -> Interval {
         // Deeper than the band, the boundary has no effect, and tighter bounds would change nothing.
         if lattice_depth.hi <= -self.options.half_width {
@@ -247,6 +250,7 @@ impl TiledSolid<'_> {
             lattice_depth,
             context.boundary_triangles,
             &context.near.patches,
+            known_side,
         )
     }
 

@@ -137,12 +137,14 @@ impl TiledSolid<'_> {
         let boundary_triangles = self.is_cut().then_some(&**boundary_triangles);
         self.find_near(component, &around.dilated(reach), self.margin(), near);
         let near = &*near;
+        let mut known_side = None;
         let depth = self.boundary_range(
             component,
             &around,
             Interval::REAL_LINE,
             boundary_triangles,
             &near.patches,
+            &mut known_side,
         );
         // Far from the boundary, and where the scaffold does not overlap itself, F is continuous and L bounds its
         // slope. A value that exceeds the band by more than L times the layer has the sign of the layer.
@@ -174,7 +176,14 @@ impl TiledSolid<'_> {
             let depth = if N == 1 || depth.hi <= -w || depth.lo >= w {
                 depth
             } else {
-                self.boundary_range(component, region, depth, boundary_triangles, &near.patches)
+                self.boundary_range(
+                    component,
+                    region,
+                    depth,
+                    boundary_triangles,
+                    &near.patches,
+                    &mut known_side,
+                )
             };
             if self.is_cut() && depth.lo >= w {
                 continue;

@@ -52,6 +52,43 @@ impl RegionFacts<'_> {
             _ => boundary.closest_within(x, radius),
         }
     }
+
+    /// As [`Self::closest_within`] for several points of the region.
+    pub fn closest_within_all(
+        &self,
+        boundary: &MeshSolid,
+        points: &[Vec3],
+        radius: f64,
+        closest: &mut [Option<ClosestPoint>],
+    ) {
+        match self.boundary_triangles {
+            Some(slots) if slots.len() <= MAX_LINEAR_SEARCH => {
+                boundary.closest_among_all(slots, points, radius, |n, found| closest[n] = found);
+            }
+            _ => {
+                for (closest, x) in closest.iter_mut().zip(points) {
+                    *closest = boundary.closest_within(*x, radius);
+                }
+            }
+        }
+    }
+}
+
+/// A point on a known side of the boundary.
+#[derive(Clone, Copy)]
+pub(super) struct KnownSide {
+    point: Vec3,
+    /// No triangle of the boundary that may affect the lattice, or the box around the points, is nearer.
+    clearance: f64,
+    is_inside: bool,
+}
+
+impl KnownSide {
+    /// Whether another point of the same box, with its clearance, is on the same side: no triangle passes between two
+    /// points that have more clearance together than they are apart. `tolerance` is for rounding.
+    fn is_beside(&self, other: Vec3, clearance: f64, tolerance: f64) -> bool {
+        (self.point - other).norm() + tolerance < self.clearance + clearance
+    }
 }
 
 /// Limits of distances as an interval that contains 0, so that a value of the field beyond it has the side of its
@@ -125,7 +162,8 @@ impl TiledSolid<'_> {
 
     /// Bounds of the signed distance to a component's boundary over a box, within the bounds `wider` of a box
     /// around it. Distances beyond -w or w are not resolved, except outside where the boundary does not cut.
-    /// The boundary triangles and the elements near the box are optional; they make it faster.
+    /// The boundary triangles, those that may affect a box around `region`, and the elements near it are optional; they
+    /// make it faster. `known_side` tells the side of a point of that box, and then that of the centre of `region`.
     pub(super) fn boundary_range(
         &self,
         component: usize,
@@ -133,28 +171,45 @@ impl TiledSolid<'_> {
         wider: Interval,
         boundary_triangles: Option<&[u32]>,
         near: &[u32],
+        known_side: &mut Option<KnownSide>,
     ) -> Interval {
         let boundary = &self.components[component].boundary;
         let (centre, radius) = (region.centre().0, region.half_diagonal());
         let boundary_reach = self.boundary_reach();
-        let inside =
-            wider.hi < 0.0 || (wider.lo <= 0.0 && self.component_contains(component, centre, near));
-        // Few triangles are measured directly; else the tree is searched. A continued field needs the distance itself.
+        let reach = radius + boundary_reach;
+        // Few triangles are measured directly; else the tree is searched.
         let closest = match boundary_triangles {
-            _ if !self.is_cut() && !inside => Some(boundary.closest(centre)),
             Some(slots) if slots.len() <= MAX_LINEAR_SEARCH => {
-                boundary.closest_among(slots, centre, radius + boundary_reach)
+                boundary.closest_among(slots, centre, reach)
             }
-            _ => boundary.closest_within(centre, radius + boundary_reach),
+            _ => boundary.closest_within(centre, reach),
         };
-        let away = closest.map_or(f64::INFINITY, |c| c.distance);
-        let least = if self.is_cut() || inside {
+        let mut away = closest.map_or(f64::INFINITY, |c| c.distance);
+        let clearance = away.min(reach);
+        let tolerance = self.boundary_tolerance();
+        let known = known_side.filter(|k| k.is_beside(centre, clearance, tolerance));
+        let is_inside = wider.hi < 0.0
+            || (wider.lo <= 0.0
+                && known.map_or_else(
+                    || self.component_contains(component, centre, near),
+                    |k| k.is_inside,
+                ));
+        *known_side = Some(KnownSide {
+            point: centre,
+            clearance,
+            is_inside,
+        });
+        // A continued field needs the distance itself, also where it is beyond the reach.
+        if !self.is_cut() && !is_inside && closest.is_none() {
+            away = boundary.closest(centre).distance;
+        }
+        let least = if self.is_cut() || is_inside {
             // Triangles that were not collected are out of reach.
             (away - radius).min(boundary_reach)
         } else {
             away - radius
         };
-        if inside {
+        if is_inside {
             Interval::new(-away - radius, -least)
         } else {
             Interval::new(least, away + radius)

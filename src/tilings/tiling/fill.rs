@@ -208,12 +208,14 @@ impl TiledSolid<'_> {
         let boundary_triangles = self.is_cut().then_some(&**boundary_triangles);
         // Bounds of the signed distance to the boundary, negative inside: a deep part lies at most `deep_distance` from it,
         // where the boundary has no effect.
+        let mut known_side = None;
         let whole_depth = self.boundary_range(
             component,
             &span,
             Interval::REAL_LINE,
             boundary_triangles,
             &near.patches,
+            &mut known_side,
         );
         if self.is_cut() && whole_depth.lo >= wanted.hi {
             out.fill(w as f32);
@@ -230,6 +232,7 @@ impl TiledSolid<'_> {
         }
         if self.options.distance == Distance::Fast {
             let boundary = (whole_depth, boundary_triangles);
+            batches.known_side = known_side;
             self.fill_batched(component, near, request, boundary, batches, out);
             return batches.are_signs_proved();
         }
@@ -243,7 +246,14 @@ impl TiledSolid<'_> {
             let depth = if whole_depth.hi <= deep_distance {
                 whole_depth
             } else {
-                self.boundary_range(component, &region, whole_depth, boundary_triangles, &[])
+                self.boundary_range(
+                    component,
+                    &region,
+                    whole_depth,
+                    boundary_triangles,
+                    &[],
+                    &mut known_side,
+                )
             };
             let is_deep = depth.hi <= deep_distance;
             part_triangles.clear();

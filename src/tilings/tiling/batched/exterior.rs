@@ -15,6 +15,7 @@ use crate::tiling::boundary::RegionFacts;
 use crate::tiling::locality::LocalSearch;
 use druse_geometry::field::Interval;
 use druse_geometry::frame::{Aabb, Vec3};
+use druse_geometry::mesh::ClosestPoint;
 
 /// A point more than this outside all elements, voxels, is not in a gap due to rounding.
 pub(super) const GAP_TOLERANCE: f64 = 1e-6;
@@ -54,16 +55,17 @@ impl TiledSolid<'_> {
             buffers.batch.clear();
             // The sample of each point, and the least value that the cut leaves it.
             let mut exterior_points = [(0, 0.0); MAX_SAMPLES];
-            for (number, sample) in exterior.iter().enumerate() {
+            let mut all_closest = [None; MAX_SAMPLES];
+            let mut closest = &mut all_closest[..exterior.len()];
+            for samples in exterior.chunk_by(|a, b| a.part == b.part) {
+                let (own, others) = closest.split_at_mut(samples.len());
+                let known = context.region_facts(&buffers.parts[samples[0].part]);
+                self.closest_points(context, samples, known, own);
+                closest = others;
+            }
+            for (number, (sample, closest)) in exterior.iter().zip(all_closest).enumerate() {
                 let part = &buffers.parts[sample.part];
                 let known = context.region_facts(part);
-                // Beyond the band, or beyond the greatest distance in the part, no closest point is needed.
-                let closest = if self.is_cut() {
-                    let radius = w.min(known.max_boundary_distance * (1.0 + 1e-9)); // Rounding.
-                    known.closest_within(boundary, sample.x, radius)
-                } else {
-                    Some(boundary.closest(sample.x))
-                };
                 let may_be_inside = !context.is_affine && !part.is_outside;
                 // No boundary within the band: d = w, unless Newton's method has failed inside.
                 let Some(closest) = closest else {
@@ -144,6 +146,32 @@ impl TiledSolid<'_> {
         buffers.exterior.clear();
     }
 
+    /// The boundary points nearest to samples of a part; without a cut always one.
+    fn closest_points(
+        &self,
+        context: &FillContext,
+        samples: &[ExteriorSample],
+        known: RegionFacts,
+        closest: &mut [Option<ClosestPoint>],
+    ) {
+        let boundary = &self.components[context.component].boundary;
+        let mut points = [Vec3::zeros(); MAX_SAMPLES];
+        for (point, sample) in points.iter_mut().zip(samples) {
+            *point = sample.x;
+        }
+        let points = &points[..samples.len()];
+        if !self.is_cut() {
+            for (closest, x) in closest.iter_mut().zip(points) {
+                *closest = Some(boundary.closest(*x));
+            }
+            return;
+        }
+        // Beyond the band, or the greatest distance in the part, no closest point is needed; 1e-9 is for rounding.
+        let w = self.options.half_width;
+        let radius = w.min(known.max_boundary_distance * (1.0 + 1e-9));
+        known.closest_within_all(boundary, points, radius, closest);
+    }
+
     /// Collects the elements that can contribute to the points of the batch: those that reach the box around them.
     fn collect_near(&self, context: &FillContext, buffers: &mut BatchBuffers) {
         let points = bits(buffers.batch.active).map(|n| buffers.batch.point(n));
@@ -173,11 +201,12 @@ impl TiledSolid<'_> {
         } = buffers;
         // The triangles deviate from the elements by less.
         let margin = 2.0 * self.chord_slack();
+        let active = batch.active;
         for may_fade in [true, false] {
             let indices = near_indices.iter().copied();
             self.locate(context.near, indices, (batch, margin), samples);
             let locations = &samples.locations[..near_indices.len()];
-            let mut has_faded = false;
+            let mut faded = 0;
             for n in bits(batch.active) {
                 let closest = batch.point(n);
                 // The owner, or else the nearest element.
@@ -203,13 +232,16 @@ impl TiledSolid<'_> {
                     let preimage = patch.preimage_or_affine(self.scaffold, x, Some(start));
                     let foot = patch.point(self.scaffold, patch.clamp(preimage.xi));
                     point += (foot - point) * nearness;
-                    has_faded = true;
+                    faded |= 1 << n;
                 }
                 batch.move_point(n, point);
             }
-            if !has_faded {
+            // A faded point may have left the element: it moves once more.
+            batch.active = faded;
+            if faded == 0 {
                 break;
             }
         }
+        batch.active = active;
     }
 }
