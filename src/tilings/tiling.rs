@@ -349,7 +349,7 @@ impl<'a> TiledSolid<'a> {
     pub fn sample(&self, p: WorldPoint) -> Option<Sample> {
         let (element, reference) = self.scaffold.locate(p)?;
         let element = element as usize;
-        let preimage = self.patches[element].preimage_or_affine(self.scaffold, p.0, None);
+        let preimage = self.patches[element].preimage_or_affine(self.scaffold, p.0);
         let (phi, slope) = self.filling.value_and_gradient(element, reference);
         Some(Sample {
             phi,

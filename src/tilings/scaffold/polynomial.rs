@@ -20,6 +20,32 @@ pub(super) enum Powers {
     Quadratic,
 }
 
+impl Powers {
+    /// The exponents of each power, in the order of the coefficients.
+    fn exponents(self) -> Vec<[usize; 3]> {
+        let cube = |sides: usize| {
+            let all = (0..sides.pow(3)).map(|n| [n % sides, n / sides % sides, n / sides.pow(2)]);
+            all.collect()
+        };
+        match self {
+            Self::Linear => cube(2),
+            Self::Simplex => vec![
+                [0, 0, 0],
+                [1, 0, 0],
+                [0, 1, 0],
+                [0, 0, 1],
+                [2, 0, 0],
+                [0, 2, 0],
+                [0, 0, 2],
+                [1, 1, 0],
+                [0, 1, 1],
+                [1, 0, 1],
+            ],
+            Self::Quadratic => cube(3),
+        }
+    }
+}
+
 /// `x_c(xi) = sum a_cijk xi_0^i xi_1^j xi_2^k`, by world coordinate c; of cubes by rows, i fastest, of
 /// simplices 1, `xi_0`, `xi_1`, `xi_2`, their squares, `xi_0 xi_1`, `xi_1 xi_2`, `xi_2 xi_0`.
 #[derive(Clone)]
@@ -34,12 +60,10 @@ type Row<T> = (T, [T; 3]);
 impl Polynomial {
     /// Of a map that is such a polynomial, from its values where the coordinates are 0 or +-1/2. `powers` must span it.
     pub(super) fn of(powers: Powers, map: impl Fn(Vec3) -> Vec3) -> Self {
-        let (sides, kept): (usize, &[usize]) = match powers {
-            Powers::Linear => (2, &[0, 1, 2, 3, 4, 5, 6, 7]),
-            // Index i + 3 j + 9 k is the power xi_0^i xi_1^j xi_2^k.
-            Powers::Simplex => (3, &[0, 1, 3, 9, 2, 6, 18, 4, 12, 10]),
-            Powers::Quadratic => (3, &std::array::from_fn::<usize, 27, _>(|n| n)),
-        };
+        let sides = if powers == Powers::Linear { 2 } else { 3 };
+        // Index i + 3 j + 9 k is the power xi_0^i xi_1^j xi_2^k.
+        let kept = powers.exponents().into_iter();
+        let kept = kept.map(|[i, j, k]| i + sides * (j + sides * k));
         let count = sides.pow(3);
         let mut a = [Vec3::zeros(); 27];
         for (n, value) in a[..count].iter_mut().enumerate() {
@@ -66,7 +90,7 @@ impl Polynomial {
         }
         let mut coefficients = Vec::with_capacity(3 * kept.len());
         for c in 0..3 {
-            coefficients.extend(kept.iter().map(|&n| a[n][c]));
+            coefficients.extend(kept.clone().map(|n| a[n][c]));
         }
         Self {
             powers,
@@ -95,6 +119,63 @@ impl Polynomial {
             ),
         };
         ([x, y, z], [dx, dy, dz])
+    }
+
+    /// The second derivatives of each world coordinate: xx, yy, zz, xy, yz, zx.
+    #[inline(always)]
+    pub fn second_derivatives<T: Number>(&self, xi: [T; 3]) -> [[T; 6]; 3] {
+        match self.powers {
+            Powers::Linear => [
+                linear_seconds(self.row(0), xi),
+                linear_seconds(self.row(1), xi),
+                linear_seconds(self.row(2), xi),
+            ],
+            Powers::Simplex => [
+                simplex_seconds(self.row(0), xi[0]),
+                simplex_seconds(self.row(1), xi[0]),
+                simplex_seconds(self.row(2), xi[0]),
+            ],
+            Powers::Quadratic => [
+                quadratic_seconds(self.row(0), xi),
+                quadratic_seconds(self.row(1), xi),
+                quadratic_seconds(self.row(2), xi),
+            ],
+        }
+    }
+
+    /// Bounds of |D^2 x| and |D^3 x| where no coordinate exceeds `reach`: root sums of squares over all derivatives,
+    /// each at most the sum of its terms' greatest magnitudes.
+    pub fn derivative_bounds(&self, reach: f64) -> [f64; 2] {
+        let exponents = self.powers.exponents();
+        // Of the derivatives of t^n, by n and by their order, for |t| <= reach.
+        let greatest_of = [
+            [1.0, 0.0, 0.0, 0.0],
+            [reach, 1.0, 0.0, 0.0],
+            [reach * reach, 2.0 * reach, 2.0, 0.0],
+        ];
+        // order! / (i! j! k!) derivatives are the same.
+        let factorial = [1.0, 1.0, 2.0, 6.0];
+        let bound = |order: usize| {
+            let mut square = 0.0;
+            for [i, j] in (0..=order).flat_map(|i| (0..=order - i).map(move |j| [i, j])) {
+                let times = [i, j, order - i - j];
+                let repeats =
+                    factorial[order] / times.map(|n| factorial[n]).iter().product::<f64>();
+                for row in self.coefficients.chunks_exact(exponents.len()) {
+                    let mut greatest = 0.0;
+                    for (a, powers) in row.iter().zip(&exponents) {
+                        let mut term = a.abs();
+                        for (&power, times) in powers.iter().zip(times) {
+                            term *= greatest_of[power][times];
+                        }
+                        greatest += term;
+                    }
+                    square += repeats * greatest * greatest;
+                }
+            }
+            square.sqrt()
+        };
+        [bound(2), bound(3)]
     }
 
     /// The powers' factors in one world coordinate.
@@ -176,4 +257,81 @@ fn row<T: Number>(a: &[f64; 27], from: usize, x: T) -> (T, T) {
 #[inline(always)]
 fn parabola<T: Number>(t: T, a: T, b: T, c: T) -> T {
     t.fused(t.fused(c, b), a)
+}
+
+#[inline(always)]
+fn linear_seconds<T: Number>(a: &[f64; 8], [x, y, z]: [T; 3]) -> [T; 6] {
+    let (none, xyz) = (x.splat(0.0), x.splat(a[7]));
+    let xy = z.fused(xyz, z.splat(a[3]));
+    let yz = x.fused(xyz, x.splat(a[6]));
+    let zx = y.fused(xyz, y.splat(a[5]));
+    [none, none, none, xy, yz, zx]
+}
+
+#[inline(always)]
+fn simplex_seconds<T: Number>(a: &[f64; 10], lane: T) -> [T; 6] {
+    let twice = |n: usize| 2.0 * a[n];
+    let (xx, yy, zz) = (twice(4), twice(5), twice(6));
+    [
+        lane.splat(xx),
+        lane.splat(yy),
+        lane.splat(zz),
+        lane.splat(a[7]),
+        lane.splat(a[8]),
+        lane.splat(a[9]),
+    ]
+}
+
+#[inline(always)]
+fn quadratic_seconds<T: Number>(a: &[f64; 27], [x, y, z]: [T; 3]) -> [T; 6] {
+    let two = x.splat(2.0);
+    // The strides of the powers of x, y and z in `a`; f_xx and so on by the factors of the squares, f_xy and so on by
+    // those of the four mixed powers.
+    [
+        two * plane(a, 2, [3, 9], y, z),
+        two * plane(a, 6, [1, 9], x, z),
+        two * plane(a, 18, [1, 3], x, y),
+        mixed(a, [1, 3, 9], x, y, z),
+        mixed(a, [3, 9, 1], y, z, x),
+        mixed(a, [9, 1, 3], z, x, y),
+    ]
+}
+
+/// The sum of `a[from + i stride_s + j stride_t] s^i t^j`.
+#[inline(always)]
+fn plane<T: Number>(a: &[f64; 27], from: usize, [m, n]: [usize; 2], s: T, t: T) -> T {
+    parabola(
+        t,
+        line(a, from, m, s),
+        line(a, from + n, m, s),
+        line(a, from + 2 * n, m, s),
+    )
+}
+
+/// The sum of `a[from + i stride] s^i`.
+#[inline(always)]
+fn line<T: Number>(a: &[f64; 27], from: usize, stride: usize, s: T) -> T {
+    let at = |i: usize| a[from + i * stride];
+    let (c0, c1, c2) = (at(0), at(1), at(2));
+    parabola(s, s.splat(c0), s.splat(c1), s.splat(c2))
+}
+
+/// The second derivative by s and t, with the strides of s, t and u in `a`.
+#[inline(always)]
+fn mixed<T: Number>(a: &[f64; 27], [p, q, r]: [usize; 3], s: T, t: T, u: T) -> T {
+    let (s, t) = (s + s, t + t);
+    parabola(
+        u,
+        mixed_layer(a, p + q, [p, q], s, t),
+        mixed_layer(a, p + q + r, [p, q], s, t),
+        mixed_layer(a, p + q + 2 * r, [p, q], s, t),
+    )
+}
+
+/// That of one power of u, from 2 s and 2 t.
+#[inline(always)]
+fn mixed_layer<T: Number>(a: &[f64; 27], from: usize, [p, q]: [usize; 2], s: T, t: T) -> T {
+    let (st, sst, stt, sstt) = (a[from], a[from + p], a[from + q], a[from + p + q]);
+    let low = s.fused(s.splat(sst), s.splat(st));
+    t.fused(s.fused(s.splat(sstt), s.splat(stt)), low)
 }

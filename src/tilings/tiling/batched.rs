@@ -9,11 +9,13 @@
 //! the scaffold are collected and evaluated at the closest points of the boundary, 64 at a time.
 //!
 //! Points lie in rows of eight by coordinate; masks have a bit for each point. Single precision, and in curved elements
-//! the tolerance of Newton's method, are all that differs from single points; the laws in tests/it/tiling of `affine` and
-//! `curved` measure it. The distance is d = F s; `rule` computes the scale s and its blend across faces.
+//! the tolerances of Newton's method and of expansions, are all that differs from single points; the laws in
+//! tests/it/tiling of `affine` and `curved` measure it. The distance is d = F s; `rule` computes the scale s and its
+//! blend across faces.
 
 mod block;
 mod distances;
+mod expansions;
 mod exterior;
 mod locate;
 mod newton_steps;
@@ -27,7 +29,9 @@ use super::locality::{LocalSearch, NEIGHBOUR_DISTANCE, NearElements, near_surfac
 use block::{BLOCK_EDGE, BLOCK_VOLUME, Block, BlockSpan, FillContext, Part, sample_offset};
 use druse_geometry::field::Interval;
 use druse_geometry::frame::Vec3;
+use expansions::BlockCentres;
 use exterior::{ExteriorSample, GAP_TOLERANCE};
+use locate::BatchLocations;
 pub(super) use locate::PointLocations;
 use rule::BatchEvaluation;
 use sample_batch::{MAX_SAMPLES, SampleBatch, bits};
@@ -50,6 +54,9 @@ pub(super) struct BatchBuffers {
     /// Indices of the near elements within reach of a batch.
     near_indices: Vec<u32>,
     exterior: Vec<ExteriorSample>,
+    /// Samples beside curved faces, and their locations in an element.
+    faded_samples: SampleBatch,
+    foot_locations: BatchLocations,
     /// Boundary triangles that may affect a part, part by part.
     part_triangles: Vec<u32>,
     /// Spans of the blocks along each axis.
@@ -107,7 +114,7 @@ impl TiledSolid<'_> {
         buffers.batch.fill_up();
         buffers.centres.start(near);
         let all = 0..near.patches.len() as u32;
-        let batch = (&buffers.batch, self.owner_reach());
+        let batch = (&buffers.batch, self.owner_reach(), None);
         self.locate(near, all, batch, &mut buffers.centres);
         self.evaluate_owned(near, &mut buffers.centres, &mut values);
         // Points in several elements or in none have no single value here: they come back as `None`.
@@ -330,7 +337,7 @@ impl TiledSolid<'_> {
             }
             buffers.batch.fill_up();
             let all = 0..context.near.patches.len() as u32;
-            let batch = (&buffers.batch, self.owner_reach());
+            let batch = (&buffers.batch, self.owner_reach(), None);
             self.locate(context.near, all, batch, &mut buffers.centres);
             self.evaluate_owned(context.near, &mut buffers.centres, &mut values);
             let single = buffers.centres.single;
@@ -444,7 +451,11 @@ impl TiledSolid<'_> {
             .iter()
             .map(|&n| parts[blocks[n].part()].wanted)
             .fold(Interval::new(0.0, 0.0), Interval::hull);
-        self.evaluate_rule_q(context.near, near_indices, batch, wanted, samples);
+        let voxel_size = self.options.voxel_size;
+        let block_centres = (!context.is_affine)
+            .then(|| BlockCentres::new((blocks, group), &centres.locations, voxel_size));
+        let points = (&*batch, block_centres.as_ref());
+        self.evaluate_rule_q(context.near, near_indices, points, wanted, samples);
         *evaluations += u64::from(samples.owned.count_ones());
         for (number, &n) in group.iter().enumerate() {
             let block = &blocks[n];

@@ -229,29 +229,126 @@ impl<'a> CurvedMap<'a> {
 
     /// [`LocalMap::second_derivatives`](super::local_map::LocalMap::second_derivatives) at a reference point, from
     /// d xi / d x there; none if the map is no polynomial.
-    pub fn second_derivatives(&self, at: Vec3, inverse: &Mat3) -> Option<[Vec3; 6]> {
-        // Central differences are exact: the Jacobian has at most degree 2 in each coordinate.
-        const DIFFERENCE_STEP: f64 = 0.25;
-        let polynomial = self.polynomial?;
-        let jacobian = |at: Vec3| {
-            let [x, y, z] = polynomial.evaluate::<f64>(at.into()).1;
-            Mat3::from_rows(&[x.into(), y.into(), z.into()])
-        };
-        // -d J^-1 / d x_j = J^-1 sum_i (d J / d xi_i) (J^-1)_ij J^-1, one matrix for each coordinate of x.
-        let mut changes = [Mat3::zeros(); 3];
-        for axis in 0..3 {
-            let away = Vec3::ith(axis, DIFFERENCE_STEP);
-            let slope = (jacobian(at + away) - jacobian(at - away)) / (2.0 * DIFFERENCE_STEP);
-            let rate = inverse * slope * inverse;
-            for (column, change) in changes.iter_mut().enumerate() {
-                *change += rate * inverse[(axis, column)];
-            }
+    #[inline(always)]
+    pub fn second_derivatives<T: Number>(
+        &self,
+        at: [T; 3],
+        inverse: Matrix<T>,
+    ) -> Option<[[T; 3]; 6]> {
+        let zero = at[0].splat(0.0);
+        let all = self.polynomial?.second_derivatives(at);
+        let forms = [
+            transformed(all[0], inverse),
+            transformed(all[1], inverse),
+            transformed(all[2], inverse),
+        ];
+        // d2 xi / dx_j dx_k = -J^-1 (H_c(a_j, a_k)), by coordinates c: H_c are those of x, a_j the columns of J^-1.
+        let mut found = [[zero; 3]; 6];
+        for (n, to) in found.iter_mut().enumerate() {
+            let factor = zero.splat(if n < 3 { -0.5 } else { -1.0 });
+            let form = [forms[0][n], forms[1][n], forms[2][n]];
+            *to = product(inverse, scaled(form, factor), [zero; 3]);
         }
-        Some(
-            [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)].map(|(i, j)| {
-                let second: Vec3 = -changes[i].column(j);
-                if i == j { second / 2.0 } else { second }
-            }),
-        )
+        Some(found)
+    }
+
+    /// k: expansions of second order about points of the element err by at most k r^3 at the distance r, world units,
+    /// where the way between both points is in the element. k is per square world unit; infinite for pyramids, and where
+    /// no least stretch is proved.
+    pub fn expansion_factor(&self) -> f64 {
+        let Some(polynomial) = self.polynomial else {
+            return f64::INFINITY;
+        };
+        let vertices = self.shape.vertices();
+        let reach = vertices.iter().map(Vec3::amax).fold(0.0, f64::max);
+        let [second, third] = polynomial.derivative_bounds(reach);
+        // |D^3 xi| <= 3 |J^-1|^5 |D^2 x|^2 + |J^-1|^4 |D^3 x|: the derivative of -J^-1 D^2 x (J^-1, J^-1).
+        let (least, greatest) = self.element.stretch();
+        let third = 3.0 * second.powi(2) / least.powi(5) + third / least.powi(4);
+        // The remainder of Taylor's formula in xi, times the greatest stretch.
+        greatest * third / 6.0
+    }
+
+    /// Whether second derivatives are known.
+    pub fn is_polynomial(&self) -> bool {
+        self.polynomial.is_some()
+    }
+}
+
+/// The values `h(a_j, a_k)` of a symmetric form at the columns of a matrix: xx, yy, zz, xy, yz, zx.
+#[inline(always)]
+fn transformed<T: Number>([xx, yy, zz, xy, yz, zx]: [T; 6], matrix: Matrix<T>) -> [T; 6] {
+    let zero = xx.splat(0.0);
+    let form = [[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]];
+    let [p, q, r] = matrix;
+    let (x, y, z) = ([p[0], q[0], r[0]], [p[1], q[1], r[1]], [p[2], q[2], r[2]]);
+    let (hx, hy, hz) = (
+        product(form, x, [zero; 3]),
+        product(form, y, [zero; 3]),
+        product(form, z, [zero; 3]),
+    );
+    [
+        dot(x, hx, zero),
+        dot(y, hy, zero),
+        dot(z, hz, zero),
+        dot(x, hy, zero),
+        dot(y, hz, zero),
+        dot(z, hx, zero),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::CurvedMap;
+    use crate::scaffold::{Connectivity, Kind, Scaffold};
+    use crate::tiling::local_map::LocalMap;
+    use druse_geometry::frame::{CellPoint, Mat3, Vec3};
+
+    #[test]
+    fn expansions_are_of_second_order_within_their_bound() {
+        let kinds = [
+            Kind::Tet10,
+            Kind::Hex8,
+            Kind::Hex20,
+            Kind::Hex27,
+            Kind::Wedge6,
+            Kind::Wedge15,
+        ];
+        for kind in kinds {
+            let wave = |p: Vec3| Vec3::new(p.y * p.z + p.y * p.y, p.z * p.x, p.x * p.y - p.z * p.z);
+            let nodes = kind.reference_nodes();
+            let nodes = Vec::from_iter(nodes.iter().map(|p| (p.0 + 0.1 * wave(p.0)) * 40.0));
+            let mut elements = Connectivity::default();
+            elements.push(kind, &Vec::from_iter(0..nodes.len() as u32));
+            let scaffold = Scaffold::new(nodes, elements).unwrap();
+            let element = scaffold.element(0);
+            let map = CurvedMap::new(element);
+            let (bound, mut worst) = (map.expansion_factor(), 0f64);
+            for at in element.shape().vertices().into_iter().map(|v| v * 0.5) {
+                let (x, inverse) = map.point_and_inverse::<f64>(at.into());
+                let inverse = inverse.map(Vec3::from);
+                let expansion = LocalMap {
+                    x: x.into(),
+                    xi: at,
+                    inverse: Mat3::from_columns(&inverse).transpose(),
+                    second_derivatives: None,
+                };
+                let expansion = expansion.with_second_derivatives(map);
+                // The error of the estimate for the image of a point, world units, and the distance.
+                let error = |xi: Vec3| {
+                    let x = element.map(CellPoint(xi)).0;
+                    let found = element.map(CellPoint(expansion.estimate(x))).0;
+                    ((found - x).norm(), (x - expansion.x).norm())
+                };
+                for toward in element.shape().vertices() {
+                    let way = (toward - at) * 0.1;
+                    let ((near, r), (nearer, _)) = (error(at + way), error(at + way / 2.0));
+                    assert!(near <= bound * r.powi(3), "{kind:?}: {near}, {r}, {bound}");
+                    assert!(nearer <= near / 6.0 + 1e-12, "{kind:?}: {nearer}, {near}");
+                    worst = worst.max(near / r.powi(3));
+                }
+            }
+            assert!(bound < 100.0 * worst, "{kind:?}: {bound}, {worst}");
+        }
     }
 }

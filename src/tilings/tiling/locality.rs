@@ -287,7 +287,7 @@ impl TiledSolid<'_> {
         let nearness = 1.0 - (x - q).norm() / self.delta();
         let patch = self.patch(local, at.near_index);
         if nearness > 0.0 && !patch.is_affine() {
-            let preimage = patch.preimage_or_affine(self.scaffold, x, None);
+            let preimage = patch.preimage_or_affine(self.scaffold, x);
             let foot = patch.point(self.scaffold, patch.clamp(preimage.xi));
             if let Some(faded) = self.nearest(local, point + (foot - point) * nearness) {
                 (at, point) = faded;
@@ -317,7 +317,7 @@ impl TiledSolid<'_> {
         let (_, near_index, preimage) = best?;
         let patch = self.patch(local, near_index);
         let point = patch.point(self.scaffold, patch.clamp(preimage.xi));
-        let preimage = patch.preimage_or_affine(self.scaffold, point, None);
+        let preimage = patch.preimage_or_affine(self.scaffold, point);
         Some((
             Owner {
                 near_index,

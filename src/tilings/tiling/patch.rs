@@ -39,6 +39,8 @@ pub(super) struct Patch {
     pub slope_rms: f64,
     /// Least stretch of the map: world length per reference length.
     least_stretch: f64,
+    /// [`CurvedMap::expansion_factor`], 0 in affine elements.
+    expansion_factor: f64,
 }
 
 /// Start and tolerance of Newton's method in a curved element.
@@ -109,6 +111,11 @@ impl Patch {
             // The Frobenius norm over sqrt 3 is the root mean square stretch over all directions.
             slope_rms: filling.gradient_rms(number) * matrix.norm() / 3f64.sqrt(),
             least_stretch,
+            expansion_factor: if element.is_affine() {
+                0.0
+            } else {
+                CurvedMap::new(element).expansion_factor()
+            },
         }
     }
 
@@ -231,19 +238,9 @@ impl Patch {
         self.preimage_of(inverse * (x - centre), inverse, outside_distance)
     }
 
-    /// The preimage of any point, by the affine map at the reference origin if Newton's method fails. `start` is where
-    /// the method starts, reference coordinates; by default it is the estimate of that affine map.
-    pub fn preimage_or_affine(
-        &self,
-        scaffold: &Scaffold,
-        x: Vec3,
-        start: Option<Vec3>,
-    ) -> Preimage {
-        let options = InverseOptions {
-            start,
-            ..InverseOptions::default()
-        };
-        self.preimage(scaffold, x, f64::INFINITY, options)
+    /// The preimage of any point, by the affine map at the reference origin if Newton's method fails.
+    pub fn preimage_or_affine(&self, scaffold: &Scaffold, x: Vec3) -> Preimage {
+        self.preimage(scaffold, x, f64::INFINITY, InverseOptions::default())
             .unwrap_or_else(|| self.affine_preimage(x))
     }
 
@@ -335,6 +332,11 @@ impl Patch {
     /// The least world length per reference length.
     pub fn least_stretch(&self) -> f64 {
         self.least_stretch
+    }
+
+    /// [`CurvedMap::expansion_factor`], per square world unit.
+    pub fn expansion_factor(&self) -> f64 {
+        self.expansion_factor
     }
 
     /// Whether the map is affine.

@@ -13,6 +13,7 @@ use super::sample_batch::{MAX_SAMPLES, bits};
 use crate::tiling::TiledSolid;
 use crate::tiling::boundary::RegionFacts;
 use crate::tiling::locality::LocalSearch;
+use crate::tiling::patch::Patch;
 use druse_geometry::field::Interval;
 use druse_geometry::frame::{Aabb, Vec3};
 use druse_geometry::mesh::ClosestPoint;
@@ -121,7 +122,7 @@ impl TiledSolid<'_> {
             self.evaluate_rule_q(
                 context.near,
                 &buffers.near_indices,
-                &buffers.batch,
+                (&buffers.batch, None),
                 wanted,
                 &mut buffers.samples,
             );
@@ -193,20 +194,23 @@ impl TiledSolid<'_> {
         sample: impl Fn(usize) -> Vec3,
         buffers: &mut BatchBuffers,
     ) {
-        let BatchBuffers {
-            batch,
-            samples,
-            near_indices,
-            ..
-        } = buffers;
         // The triangles deviate from the elements by less.
         let margin = 2.0 * self.chord_slack();
-        let active = batch.active;
+        let active = buffers.batch.active;
         for may_fade in [true, false] {
+            let BatchBuffers {
+                batch,
+                samples,
+                near_indices,
+                ..
+            } = &mut *buffers;
             let indices = near_indices.iter().copied();
-            self.locate(context.near, indices, (batch, margin), samples);
+            self.locate(context.near, indices, (batch, margin, None), samples);
             let locations = &samples.locations[..near_indices.len()];
+            // The points that fade towards the feet of their samples, a bit each; the near elements of these feet, and the
+            // weights.
             let mut faded = 0;
+            let mut feet = [(0, 0.0); MAX_SAMPLES];
             for n in bits(batch.active) {
                 let closest = batch.point(n);
                 // The owner, or else the nearest element.
@@ -214,34 +218,82 @@ impl TiledSolid<'_> {
                 let owner = all.clone().find(|(l, _)| l.owns >> n & 1 != 0);
                 let is_owned = owner.is_some();
                 let nearest = || all.min_by(|(a, _), (b, _)| a.outside(n).total_cmp(&b.outside(n)));
-                let Some((location, near_index)) = owner
+                let Some((location, &near_index)) = owner
                     .or_else(nearest)
                     .filter(|(l, _)| l.outside(n) < margin)
                 else {
                     continue;
                 };
-                let patch = &self.patches[context.near.patches[*near_index as usize] as usize];
-                let mut point = closest;
+                let patch = self.near_patch(context, near_index);
                 if !is_owned {
-                    point = patch.point(self.scaffold, patch.clamp(location.xi(n).0));
+                    let foot = patch.clamp(location.xi(n).0);
+                    batch.move_point(n, patch.point(self.scaffold, foot));
                 }
-                let x = sample(n);
-                let nearness = 1.0 - (x - closest).norm() / self.delta();
+                let nearness = 1.0 - (sample(n) - closest).norm() / self.delta();
                 if may_fade && nearness > 0.0 && !patch.is_affine() {
-                    let start = location.xi(n).0;
-                    let preimage = patch.preimage_or_affine(self.scaffold, x, Some(start));
-                    let foot = patch.point(self.scaffold, patch.clamp(preimage.xi));
-                    point += (foot - point) * nearness;
                     faded |= 1 << n;
+                    feet[n] = (near_index, nearness);
                 }
-                batch.move_point(n, point);
             }
             // A faded point may have left the element: it moves once more.
-            batch.active = faded;
             if faded == 0 {
                 break;
             }
+            self.fade_to_feet(context, (faded, &feet), &sample, buffers);
+            buffers.batch.active = faded;
         }
-        batch.active = active;
+        buffers.batch.active = active;
+    }
+
+    /// Blends points of the batch, a bit of `faded` each, into the feet of their samples. `feet` gives the near element of
+    /// each, by index, and its weight.
+    fn fade_to_feet(
+        &self,
+        context: &FillContext,
+        (faded, feet): (u64, &[(u32, f64); MAX_SAMPLES]),
+        sample: impl Fn(usize) -> Vec3,
+        buffers: &mut BatchBuffers,
+    ) {
+        let BatchBuffers {
+            batch,
+            samples,
+            faded_samples: points,
+            foot_locations: location,
+            ..
+        } = buffers;
+        // The other points only keep the numbers.
+        points.clear();
+        for n in 0..batch.len() {
+            let is_faded = faded >> n & 1 != 0;
+            let x = if is_faded { sample(n) } else { batch.point(n) };
+            points.push(x.into());
+        }
+        let mut open = faded;
+        while open != 0 {
+            // The points of one element at a time.
+            let (near_index, _) = feet[open.trailing_zeros() as usize % MAX_SAMPLES];
+            points.active = bits(open)
+                .filter(|&n| feet[n].0 == near_index)
+                .fold(0, |all, n| all | 1 << n);
+            open &= !points.active;
+            let patch = self.near_patch(context, near_index);
+            let starts = samples.starts(near_index);
+            patch.locate(self.scaffold, points, f64::INFINITY, starts, location);
+            for n in bits(points.active) {
+                let xi = if location.shares >> n & 1 != 0 {
+                    location.xi(n).0
+                } else {
+                    patch.preimage_or_affine(self.scaffold, points.point(n)).xi
+                };
+                let foot = patch.point(self.scaffold, patch.clamp(xi));
+                let point = batch.point(n);
+                batch.move_point(n, point + (foot - point) * feet[n].1);
+            }
+        }
+    }
+
+    /// A near element, given by index.
+    fn near_patch(&self, context: &FillContext, near_index: u32) -> &Patch {
+        &self.patches[context.near.patches[near_index as usize] as usize]
     }
 }

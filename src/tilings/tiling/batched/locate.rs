@@ -4,18 +4,19 @@
 //! shares. In affine elements it is the greatest signed distance to the planes of the faces. In curved ones it is
 //! |x - M(c)| outside, with c the point of the cell where the map's continuation starts, and inside -depth, the reference
 //! distance to the faces times the least stretch; their bounding planes exclude the points that are far outside. Newton's
-//! method starts from the local map at a point of the row before. The start changes locations within the method's
-//! tolerance.
+//! method starts from the expansion about the centre of a row's block (module `expansions`), which may need no step, or
+//! from the point of the row before in the same lane. Both change locations within the tolerances.
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
+use super::expansions::BlockCentres;
 use super::sample_batch::{MAX_SAMPLES, ROW, Row, SampleBatch, bits, value_at};
 use crate::scaffold::Scaffold;
 use crate::tiling::clamp::face_distance_row;
 use crate::tiling::inverse_map::{CurvedMap, dot, matrix_rows, product};
-use crate::tiling::local_map::LocalMap;
+use crate::tiling::local_map::{LocalMap, RowMap};
 use crate::tiling::patch::{FACE_TOLERANCE, InverseOptions, Patch};
-use druse_geometry::frame::{CellPoint, Mat3, Vec3};
+use druse_geometry::frame::{CellPoint, Vec3};
 use druse_geometry::simd::{self, Eight, Lanes, Number, SimdKernel, difference, splat_vector};
 
 /// Depth below the faces of a curved element, reference units: a point so deep in two elements lies on no shared face.
@@ -121,6 +122,14 @@ impl BatchLocations {
     }
 }
 
+/// Where Newton's method starts in a curved element.
+pub(super) struct Starts<'a> {
+    /// The local map at a point located before; becomes that of a later one.
+    pub last: &'a mut Option<LocalMap>,
+    /// The centres of the batch's blocks, and the index of the element among those near them.
+    pub centres: Option<(&'a BlockCentres<'a>, usize)>,
+}
+
 /// Buffers for points of one element.
 #[derive(Default)]
 pub(in crate::tiling) struct PointLocations {
@@ -145,7 +154,11 @@ impl Patch {
                 batch.push(x.into());
             }
             batch.fill_up();
-            self.locate(scaffold, batch, f64::INFINITY, &mut start, location);
+            let starts = Starts {
+                last: &mut start,
+                centres: None,
+            };
+            self.locate(scaffold, batch, f64::INFINITY, starts, location);
             if batch.active & !location.owns != 0 {
                 return false;
             }
@@ -155,14 +168,13 @@ impl Patch {
     }
 
     /// Locates the points of a batch whose rows are full. The element contributes to points less than `reach`
-    /// outside; points more than `reach` inside are deep. `start` is the local map of a curved element at
-    /// a point located before, and becomes that of a later one.
+    /// outside; points more than `reach` inside are deep.
     pub(super) fn locate(
         &self,
         scaffold: &Scaffold,
         batch: &SampleBatch,
         reach: f64,
-        start: &mut Option<LocalMap>,
+        starts: Starts,
         location: &mut BatchLocations,
     ) {
         location.shares = 0;
@@ -183,7 +195,7 @@ impl Patch {
             map,
             batch,
             reach,
-            start,
+            starts,
             location,
         });
         for n in bits(failed) {
@@ -274,7 +286,7 @@ struct CurvedKernel<'a> {
     map: CurvedMap<'a>,
     batch: &'a SampleBatch,
     reach: f64,
-    start: &'a mut Option<LocalMap>,
+    starts: Starts<'a>,
     location: &'a mut BatchLocations,
 }
 
@@ -289,13 +301,18 @@ impl SimdKernel for CurvedKernel<'_> {
             map,
             batch,
             reach,
-            start,
+            starts: Starts { last, centres },
             location,
         } = self;
         let zero = Eight::of(lanes, &[0.0; ROW]);
         let reach = zero.splat(reach);
         let least_stretch = zero.splat(patch.least_stretch());
         let planes = patch.planes();
+        let expansions = match centres {
+            Some((centres, near_index)) => centres.expansions(lanes, near_index, (patch, map)),
+            None => None,
+        };
+        let mut row_before: Option<RowMap<Eight<L>>> = None;
         let mut failed = 0;
         for row in batch.rows() {
             let x = batch.row(lanes, row);
@@ -307,11 +324,27 @@ impl SimdKernel for CurvedKernel<'_> {
                 location.outside[row] = least.row();
                 continue;
             }
-            let local_map = match *start {
-                Some(local_map) => local_map.with_second_derivatives(map),
-                None => patch.origin_map(),
+            let own = match &expansions {
+                Some(all) => all.of_row(row, zero),
+                None => None,
             };
-            let found = map.preimages(x, local_map.estimate_row(x), candidates);
+            let start = match (own, row_before) {
+                (Some((own, _)), _) => own,
+                (None, Some(before)) => before,
+                (None, None) => last.unwrap_or_else(|| patch.origin_map()).in_row(zero),
+            };
+            let estimate = start.estimate(x);
+            if let Some((_, true)) = own {
+                let face_distance = face_distance_row(patch.shape(), estimate);
+                let inner = face_distance.bits_below(zero.splat(-INNER_DISTANCE));
+                // Samples so deep, far more than the error, are the element's own; others need their exact side.
+                if candidates & !inner == 0 {
+                    let m = face_distance * least_stretch;
+                    location.store_row(row, [m, face_distance, reach], estimate, candidates);
+                    continue;
+                }
+            }
+            let found = map.preimages(x, estimate, candidates);
             let converged = candidates & found.converged;
             failed |= u64::from(candidates & !converged) << (ROW * row);
             // m: |x - M(c)| outside, -depth inside; far outside its bound.
@@ -328,24 +361,30 @@ impl SimdKernel for CurvedKernel<'_> {
                 found.step.xi,
                 converged,
             );
-            // The next row starts from the first point that was found.
-            if converged != 0 {
-                let lane = converged.trailing_zeros() as usize % ROW;
-                let xi = &found.step.xi;
-                let xi = [xi[0].row()[lane], xi[1].row()[lane], xi[2].row()[lane]];
-                let mut inverse = Mat3::zeros();
-                for (r, values) in found.step.inverse.iter().enumerate() {
-                    for (c, values) in values.iter().enumerate() {
-                        inverse[(r, c)] = values.row()[lane];
-                    }
-                }
-                *start = Some(LocalMap {
-                    x: batch.point(ROW * row + lane),
-                    xi: xi.into(),
-                    inverse,
-                    ..local_map
-                });
+            if own.is_some() || converged == 0 {
+                continue;
             }
+            // The next row's points start from those of this row, lane by lane, or all from the first that was found.
+            let mut found = RowMap {
+                x,
+                xi: found.step.xi,
+                inverse: found.step.inverse,
+                second_derivatives: start.second_derivatives,
+            };
+            if converged != u8::MAX {
+                found = found
+                    .of_lane(converged.trailing_zeros() as usize)
+                    .in_row(zero);
+            }
+            // Second derivatives change little: those of the first row serve all.
+            if found.second_derivatives.is_none() {
+                let first = found.of_lane(0).with_second_derivatives(map);
+                found.second_derivatives = first.second_derivatives;
+            }
+            row_before = Some(found);
+        }
+        if let Some(before) = row_before {
+            *last = Some(before.of_lane(0));
         }
         failed
     }

@@ -5,7 +5,8 @@
 //! distance outside e and depth the distance of the point below its owner's faces. The owner weighs 1.
 
 use super::distances::BatchDistances;
-use super::locate::BatchLocations;
+use super::expansions::BlockCentres;
+use super::locate::{BatchLocations, Starts};
 use super::newton_steps::NewtonBatch;
 use super::sample_batch::{MAX_SAMPLES, SampleBatch, bits};
 use crate::tiling::TiledSolid;
@@ -54,6 +55,14 @@ impl BatchEvaluation {
         self.local_maps.resize(near.patches.len(), None);
     }
 
+    /// The starts of Newton's method in a near element.
+    pub fn starts(&mut self, near_index: u32) -> Starts<'_> {
+        Starts {
+            last: &mut self.local_maps[near_index as usize],
+            centres: None,
+        }
+    }
+
     /// The least m of a point among the first `count` elements: at most its distance outside affine ones.
     #[inline]
     pub fn outside(&self, count: usize, n: usize) -> f64 {
@@ -74,12 +83,12 @@ fn gather(location: &BatchLocations, which: u64, at: &mut [CellPoint<3>; MAX_SAM
 
 impl TiledSolid<'_> {
     /// Locates the points in these of the near elements, as far as they are less than `reach` outside, and finds their
-    /// owners: the elements of lowest number.
+    /// owners: the elements of lowest number. `centres` are those of the batch's blocks, if it has blocks.
     pub(super) fn locate(
         &self,
         near: &NearElements,
         near_indices: impl ExactSizeIterator<Item = u32>,
-        (batch, reach): (&SampleBatch, f64),
+        (batch, reach, centres): (&SampleBatch, f64, Option<&BlockCentres>),
         evaluation: &mut BatchEvaluation,
     ) {
         let BatchEvaluation {
@@ -96,8 +105,11 @@ impl TiledSolid<'_> {
         for (location, near_index) in locations.iter_mut().zip(near_indices) {
             let near_index = near_index as usize;
             let patch = &self.patches[near.patches[near_index] as usize];
-            let start = &mut local_maps[near_index];
-            patch.locate(self.scaffold, batch, reach, start, location);
+            let starts = Starts {
+                last: &mut local_maps[near_index],
+                centres: centres.map(|centres| (centres, near_index)),
+            };
+            patch.locate(self.scaffold, batch, reach, starts, location);
             // A second element contains the point as well.
             repeated |= location.owns & !open;
             // Elements that share more than faces.
@@ -136,14 +148,14 @@ impl TiledSolid<'_> {
         &self,
         near: &NearElements,
         near_indices: &[u32],
-        batch: &SampleBatch,
+        (batch, centres): (&SampleBatch, Option<&BlockCentres>),
         wanted: Interval,
         evaluation: &mut BatchEvaluation,
     ) {
         let (w, delta) = (self.options.half_width, self.delta());
         let patch = |&near_index: &u32| &self.patches[near.patches[near_index as usize] as usize];
         let indices = near_indices.iter().copied();
-        self.locate(near, indices, (batch, delta), evaluation);
+        self.locate(near, indices, (batch, delta, centres), evaluation);
         let sup = near_indices
             .iter()
             .map(|p| patch(p).slope_sup)
