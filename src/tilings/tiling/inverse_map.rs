@@ -268,11 +268,6 @@ impl<'a> CurvedMap<'a> {
         // The remainder of Taylor's formula in xi, times the greatest stretch.
         greatest * third / 6.0
     }
-
-    /// Whether second derivatives are known.
-    pub fn is_polynomial(&self) -> bool {
-        self.polynomial.is_some()
-    }
 }
 
 /// The values `h(a_j, a_k)` of a symmetric form at the columns of a matrix: xx, yy, zz, xy, yz, zx.

@@ -14,7 +14,7 @@ use crate::tiling::inverse_map::CurvedMap;
 use crate::tiling::local_map::RowMap;
 use crate::tiling::patch::Patch;
 use druse_geometry::frame::Vec3;
-use druse_geometry::simd::{Eight, Lanes, Number, splat_vector};
+use druse_geometry::simd::{self, Eight, Lanes, Number, SimdKernel, splat_vector};
 
 /// Greatest error of locations by expansions, voxels: the laws of values in bulk allow as much, and the bound is
 /// several times the error.
@@ -69,12 +69,11 @@ impl<'a> BlockCentres<'a> {
 
     /// The expansions about the centres in a curved element, given by its index among the near ones; `None` if too few
     /// centres are in it.
-    #[inline(always)]
-    pub fn expansions<L: Lanes>(
+    pub fn expansions(
         &self,
-        lanes: L,
         near_index: usize,
-        (patch, map): (&Patch, CurvedMap),
+        patch: &Patch,
+        map: CurvedMap,
     ) -> Option<Expansions> {
         let location = &self.locations[near_index];
         let (mut known, mut exact) = (0u8, 0u8);
@@ -91,9 +90,31 @@ impl<'a> BlockCentres<'a> {
                 to[row] = *xi;
             }
         }
-        if known.count_ones() < MIN_CENTRES || !map.is_polynomial() {
+        // Pyramids have none.
+        if known.count_ones() < MIN_CENTRES || patch.expansion_factor().is_infinite() {
             return None;
         }
+        simd::run(ExpansionKernel { map, xi }).map(|expansions| Expansions {
+            known,
+            exact,
+            ..expansions
+        })
+    }
+}
+
+/// Expansions about the images of eight points.
+struct ExpansionKernel<'a> {
+    map: CurvedMap<'a>,
+    xi: [[f64; ROW]; 3],
+}
+
+impl SimdKernel for ExpansionKernel<'_> {
+    /// `None` if the map is no polynomial; no row is known yet.
+    type Output = Option<Expansions>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> Option<Expansions> {
+        let Self { map, xi } = self;
         let [x, y, z] = &xi;
         let at = [
             Eight::of(lanes, x),
@@ -108,8 +129,8 @@ impl<'a> BlockCentres<'a> {
             xi,
             inverse: [[[0.0; ROW]; 3]; 3],
             second_derivatives: [[[0.0; ROW]; 3]; 6],
-            known,
-            exact,
+            known: 0,
+            exact: 0,
         };
         for (to, from) in expansions.inverse.iter_mut().zip(inverse) {
             for (to, from) in to.iter_mut().zip(from) {

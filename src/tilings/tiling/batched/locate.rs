@@ -9,7 +9,7 @@
 // Functions of hot paths must be inlined into a caller that is compiled for the processor at hand.
 #![allow(clippy::inline_always)]
 
-use super::expansions::BlockCentres;
+use super::expansions::{BlockCentres, Expansions};
 use super::sample_batch::{MAX_SAMPLES, ROW, Row, SampleBatch, bits, value_at};
 use crate::scaffold::Scaffold;
 use crate::tiling::clamp::face_distance_row;
@@ -190,12 +190,16 @@ impl Patch {
                 location,
             });
         };
+        let Starts { last, centres } = starts;
+        let expansions =
+            centres.and_then(|(centres, near_index)| centres.expansions(near_index, self, map));
         let failed = simd::run(CurvedKernel {
             patch: self,
             map,
             batch,
             reach,
-            starts,
+            last,
+            expansions,
             location,
         });
         for n in bits(failed) {
@@ -286,7 +290,8 @@ struct CurvedKernel<'a> {
     map: CurvedMap<'a>,
     batch: &'a SampleBatch,
     reach: f64,
-    starts: Starts<'a>,
+    last: &'a mut Option<LocalMap>,
+    expansions: Option<Expansions>,
     location: &'a mut BatchLocations,
 }
 
@@ -301,17 +306,14 @@ impl SimdKernel for CurvedKernel<'_> {
             map,
             batch,
             reach,
-            starts: Starts { last, centres },
+            last,
+            expansions,
             location,
         } = self;
         let zero = Eight::of(lanes, &[0.0; ROW]);
         let reach = zero.splat(reach);
         let least_stretch = zero.splat(patch.least_stretch());
         let planes = patch.planes();
-        let expansions = match centres {
-            Some((centres, near_index)) => centres.expansions(lanes, near_index, (patch, map)),
-            None => None,
-        };
         let mut row_before: Option<RowMap<Eight<L>>> = None;
         let mut failed = 0;
         for row in batch.rows() {
