@@ -197,18 +197,16 @@ impl MeshSolid {
     }
 
     /// As [`MeshSolid::closest_among`] for several points: faster where they are close together.
-    /// `take` gets the number of each point with its result.
     #[doc(hidden)]
     pub fn closest_among_all(
         &self,
         slots: &[u32],
         points: &[Vec3],
         radius: f64,
-        mut take: impl FnMut(usize, Option<ClosestPoint>),
+        closest: &mut [Option<ClosestPoint>],
     ) {
-        let found = |c: ClosestPoint| (c.triangle != u32::MAX).then_some(c);
         let surface = &self.surface;
-        surface.closest_among_all(slots, points, radius, |n, c| take(n, found(c)));
+        surface.closest_among_all(slots, points, radius, closest);
     }
 
     /// Replaces `slots` by all triangles that may be nearer than `reach` to a box: they include the triangle

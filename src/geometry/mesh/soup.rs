@@ -341,7 +341,7 @@ impl Soup {
         slots: &[u32],
         points: &[Vec3],
         radius: f64,
-        mut take: impl FnMut(usize, ClosestPoint),
+        closest: &mut [Option<ClosestPoint>],
     ) {
         for first in (0..points.len()).step_by(ROW) {
             // The last point pads the last row.
@@ -357,7 +357,7 @@ impl Soup {
                 if slot != u32::MAX {
                     search.visit(slot as usize);
                 }
-                take(n, search.found.0);
+                closest[n] = (slot != u32::MAX).then_some(search.found.0);
             }
         }
     }
@@ -530,13 +530,15 @@ mod tests {
         points.extend(triangles.iter().step_by(7).map(|t| (t.0[0] + t.0[1]) / 2.0));
         points.extend(triangles.iter().step_by(11).map(|t| t.0[1]));
         // Rows of eight, and a rest: the bits of single points, within a radius and beyond.
-        let mut found = [0; 3];
-        for (radius, found) in [0.0, 0.2, 3.0].into_iter().zip(&mut found) {
-            uncut.closest_among_all(&slots, &points, radius, |n, closest| {
-                assert_eq!(closest, uncut.closest_among(&slots, points[n], radius));
-                *found += usize::from(closest.triangle != u32::MAX);
-            });
-        }
+        let found = [0.0, 0.2, 3.0].map(|radius| {
+            let mut closest = vec![None; points.len()];
+            uncut.closest_among_all(&slots, &points, radius, &mut closest);
+            for (closest, p) in closest.iter().zip(&points) {
+                let alone = uncut.closest_among(&slots, *p, radius);
+                assert_eq!(*closest, (alone.triangle != u32::MAX).then_some(alone));
+            }
+            closest.iter().flatten().count()
+        });
         assert!(found[0] < found[1] && found[1] < found[2], "{found:?}");
         assert_eq!(found[2], points.len());
         for p in points {

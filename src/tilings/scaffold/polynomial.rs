@@ -8,6 +8,7 @@
 
 use druse_geometry::frame::Vec3;
 use druse_geometry::simd::Number;
+use nalgebra::{SMatrix, SVector};
 
 /// The set of powers.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -18,32 +19,6 @@ pub(super) enum Powers {
     Simplex,
     /// Up to the second of each coordinate: 27.
     Quadratic,
-}
-
-impl Powers {
-    /// The exponents of each power, in the order of the coefficients.
-    fn exponents(self) -> Vec<[usize; 3]> {
-        let cube = |sides: usize| {
-            let all = (0..sides.pow(3)).map(|n| [n % sides, n / sides % sides, n / sides.pow(2)]);
-            all.collect()
-        };
-        match self {
-            Self::Linear => cube(2),
-            Self::Simplex => vec![
-                [0, 0, 0],
-                [1, 0, 0],
-                [0, 1, 0],
-                [0, 0, 1],
-                [2, 0, 0],
-                [0, 2, 0],
-                [0, 0, 2],
-                [1, 1, 0],
-                [0, 1, 1],
-                [1, 0, 1],
-            ],
-            Self::Quadratic => cube(3),
-        }
-    }
 }
 
 /// `x_c(xi) = sum a_cijk xi_0^i xi_1^j xi_2^k`, by world coordinate c; of cubes by rows, i fastest, of
@@ -60,10 +35,12 @@ type Row<T> = (T, [T; 3]);
 impl Polynomial {
     /// Of a map that is such a polynomial, from its values where the coordinates are 0 or +-1/2. `powers` must span it.
     pub(super) fn of(powers: Powers, map: impl Fn(Vec3) -> Vec3) -> Self {
-        let sides = if powers == Powers::Linear { 2 } else { 3 };
-        // Index i + 3 j + 9 k is the power xi_0^i xi_1^j xi_2^k.
-        let kept = powers.exponents().into_iter();
-        let kept = kept.map(|[i, j, k]| i + sides * (j + sides * k));
+        let (sides, kept): (usize, &[usize]) = match powers {
+            Powers::Linear => (2, &[0, 1, 2, 3, 4, 5, 6, 7]),
+            // Index i + 3 j + 9 k is the power xi_0^i xi_1^j xi_2^k.
+            Powers::Simplex => (3, &[0, 1, 3, 9, 2, 6, 18, 4, 12, 10]),
+            Powers::Quadratic => (3, &std::array::from_fn::<usize, 27, _>(|n| n)),
+        };
         let count = sides.pow(3);
         let mut a = [Vec3::zeros(); 27];
         for (n, value) in a[..count].iter_mut().enumerate() {
@@ -90,7 +67,7 @@ impl Polynomial {
         }
         let mut coefficients = Vec::with_capacity(3 * kept.len());
         for c in 0..3 {
-            coefficients.extend(kept.clone().map(|n| a[n][c]));
+            coefficients.extend(kept.iter().map(|&n| a[n][c]));
         }
         Self {
             powers,
@@ -144,38 +121,28 @@ impl Polynomial {
     }
 
     /// Bounds of |D^2 x| and |D^3 x| where no coordinate exceeds `reach`: root sums of squares over all derivatives,
-    /// each at most the sum of its terms' greatest magnitudes.
+    /// each at most what it is at `reach` where no factor is negative.
     pub fn derivative_bounds(&self, reach: f64) -> [f64; 2] {
-        let exponents = self.powers.exponents();
-        // Of the derivatives of t^n, by n and by their order, for |t| <= reach.
-        let greatest_of = [
-            [1.0, 0.0, 0.0, 0.0],
-            [reach, 1.0, 0.0, 0.0],
-            [reach * reach, 2.0 * reach, 2.0, 0.0],
-        ];
-        // order! / (i! j! k!) derivatives are the same.
-        let factorial = [1.0, 1.0, 2.0, 6.0];
-        let bound = |order: usize| {
-            let mut square = 0.0;
-            for [i, j] in (0..=order).flat_map(|i| (0..=order - i).map(move |j| [i, j])) {
-                let times = [i, j, order - i - j];
-                let repeats =
-                    factorial[order] / times.map(|n| factorial[n]).iter().product::<f64>();
-                for row in self.coefficients.chunks_exact(exponents.len()) {
-                    let mut greatest = 0.0;
-                    for (a, powers) in row.iter().zip(&exponents) {
-                        let mut term = a.abs();
-                        for (&power, times) in powers.iter().zip(times) {
-                            term *= greatest_of[power][times];
-                        }
-                        greatest += term;
-                    }
-                    square += repeats * greatest * greatest;
-                }
-            }
-            square.sqrt()
+        let positive = Self {
+            powers: self.powers,
+            coefficients: self.coefficients.iter().map(|a| a.abs()).collect(),
         };
-        [bound(2), bound(3)]
+        let seconds = |at: Vec3| {
+            let [x, y, z] = positive
+                .second_derivatives::<f64>(at.into())
+                .map(SVector::from);
+            SMatrix::<f64, 6, 3>::from_columns(&[x, y, z])
+        };
+        // xy, yz and zx occur twice.
+        let square =
+            |all: SMatrix<f64, 6, 3>| all.norm_squared() + all.fixed_rows::<3>(3).norm_squared();
+        let at = Vec3::repeat(reach);
+        // Central differences are exact: the degree is at most 2 in each coordinate.
+        let thirds = (0..3).map(|axis| {
+            let away = Vec3::ith(axis, 0.5);
+            square(seconds(at + away) - seconds(at - away))
+        });
+        [square(seconds(at)), thirds.sum()].map(f64::sqrt)
     }
 
     /// The powers' factors in one world coordinate.

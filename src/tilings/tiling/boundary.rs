@@ -45,12 +45,16 @@ impl RegionFacts<'_> {
         x: Vec3,
         radius: f64,
     ) -> Option<ClosestPoint> {
-        match self.boundary_triangles {
-            Some(slots) if slots.len() <= MAX_LINEAR_SEARCH => {
-                boundary.closest_among(slots, x, radius)
-            }
-            _ => boundary.closest_within(x, radius),
+        match self.short_list() {
+            Some(slots) => boundary.closest_among(slots, x, radius),
+            None => boundary.closest_within(x, radius),
         }
+    }
+
+    /// The boundary triangles, if they are few.
+    fn short_list(&self) -> Option<&[u32]> {
+        self.boundary_triangles
+            .filter(|slots| slots.len() <= MAX_LINEAR_SEARCH)
     }
 
     /// As [`Self::closest_within`] for several points of the region.
@@ -61,15 +65,11 @@ impl RegionFacts<'_> {
         radius: f64,
         closest: &mut [Option<ClosestPoint>],
     ) {
-        match self.boundary_triangles {
-            Some(slots) if slots.len() <= MAX_LINEAR_SEARCH => {
-                boundary.closest_among_all(slots, points, radius, |n, found| closest[n] = found);
-            }
-            _ => {
-                for (closest, x) in closest.iter_mut().zip(points) {
-                    *closest = boundary.closest_within(*x, radius);
-                }
-            }
+        if let Some(slots) = self.short_list() {
+            return boundary.closest_among_all(slots, points, radius, closest);
+        }
+        for (closest, x) in closest.iter_mut().zip(points) {
+            *closest = boundary.closest_within(*x, radius);
         }
     }
 }
@@ -177,13 +177,11 @@ impl TiledSolid<'_> {
         let (centre, radius) = (region.centre().0, region.half_diagonal());
         let boundary_reach = self.boundary_reach();
         let reach = radius + boundary_reach;
-        // Few triangles are measured directly; else the tree is searched.
-        let closest = match boundary_triangles {
-            Some(slots) if slots.len() <= MAX_LINEAR_SEARCH => {
-                boundary.closest_among(slots, centre, reach)
-            }
-            _ => boundary.closest_within(centre, reach),
+        let facts = RegionFacts {
+            boundary_triangles,
+            ..RegionFacts::UNKNOWN
         };
+        let closest = facts.closest_within(boundary, centre, reach);
         let mut away = closest.map_or(f64::INFINITY, |c| c.distance);
         let clearance = away.min(reach);
         let tolerance = self.boundary_tolerance();

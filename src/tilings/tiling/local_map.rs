@@ -113,6 +113,6 @@ impl<L: Lanes> RowMap<Eight<L>> {
 
 /// The vector of one point.
 #[inline(always)]
-fn at_lane<L: Lanes>([x, y, z]: [Eight<L>; 3], lane: usize) -> Vec3 {
+pub(super) fn at_lane<L: Lanes>([x, y, z]: [Eight<L>; 3], lane: usize) -> Vec3 {
     Vec3::new(x.row()[lane % 8], y.row()[lane % 8], z.row()[lane % 8])
 }

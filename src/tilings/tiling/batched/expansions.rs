@@ -11,10 +11,10 @@ use super::block::Block;
 use super::locate::BatchLocations;
 use super::sample_batch::ROW;
 use crate::tiling::inverse_map::CurvedMap;
-use crate::tiling::local_map::RowMap;
+use crate::tiling::local_map::{LocalMap, RowMap, at_lane};
 use crate::tiling::patch::Patch;
 use druse_geometry::frame::Vec3;
-use druse_geometry::simd::{self, Eight, Lanes, Number, SimdKernel, splat_vector};
+use druse_geometry::simd::{self, Eight, Lanes, Number, SimdKernel};
 
 /// Greatest error of locations by expansions, voxels: the laws of values in bulk allow as much, and the bound is
 /// several times the error.
@@ -35,13 +35,9 @@ pub(super) struct BlockCentres<'a> {
     tolerance: f64,
 }
 
-/// The expansions about the centres that lie in an element, at most rounding outside, one for each row of a batch; the
-/// second derivatives are those of [`LocalMap`](crate::tiling::local_map::LocalMap).
+/// The expansions about the centres that lie in an element, at most rounding outside, one for each row of a batch.
 pub(super) struct Expansions {
-    x: [[f64; ROW]; 3],
-    xi: [[f64; ROW]; 3],
-    inverse: [[[f64; ROW]; 3]; 3],
-    second_derivatives: [[[f64; ROW]; 3]; 6],
+    maps: [LocalMap; ROW],
     /// The rows that have one, a bit each.
     known: u8,
     /// The rows whose blocks lie in the element, with errors below the tolerance.
@@ -94,11 +90,8 @@ impl<'a> BlockCentres<'a> {
         if known.count_ones() < MIN_CENTRES || patch.expansion_factor().is_infinite() {
             return None;
         }
-        simd::run(ExpansionKernel { map, xi }).map(|expansions| Expansions {
-            known,
-            exact,
-            ..expansions
-        })
+        let maps = simd::run(ExpansionKernel { map, xi })?;
+        Some(Expansions { maps, known, exact })
     }
 }
 
@@ -109,47 +102,38 @@ struct ExpansionKernel<'a> {
 }
 
 impl SimdKernel for ExpansionKernel<'_> {
-    /// `None` if the map is no polynomial; no row is known yet.
-    type Output = Option<Expansions>;
+    /// `None` if the map is no polynomial.
+    type Output = Option<[LocalMap; ROW]>;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) -> Option<Expansions> {
+    fn run<L: Lanes>(self, lanes: L) -> Self::Output {
         let Self { map, xi } = self;
         let [x, y, z] = &xi;
-        let at = [
+        let xi = [
             Eight::of(lanes, x),
             Eight::of(lanes, y),
             Eight::of(lanes, z),
         ];
         // The image of xi, a step of Newton's method away from the centre.
-        let (x, inverse) = map.point_and_inverse(at);
-        let second = map.second_derivatives(at, inverse)?;
-        let mut expansions = Expansions {
-            x: [x[0].row(), x[1].row(), x[2].row()],
+        let (x, inverse) = map.point_and_inverse(xi);
+        let second = map.second_derivatives(xi, inverse)?;
+        let row = RowMap {
+            x,
             xi,
-            inverse: [[[0.0; ROW]; 3]; 3],
-            second_derivatives: [[[0.0; ROW]; 3]; 6],
-            known: 0,
-            exact: 0,
+            inverse,
+            second_derivatives: None,
         };
-        for (to, from) in expansions.inverse.iter_mut().zip(inverse) {
-            for (to, from) in to.iter_mut().zip(from) {
-                *to = from.row();
+        let mut maps = [row.of_lane(0); ROW];
+        for (lane, to) in maps.iter_mut().enumerate() {
+            *to = row.of_lane(lane);
+            let mut own = [Vec3::zeros(); 6];
+            for (to, derivative) in own.iter_mut().zip(second) {
+                *to = at_lane(derivative, lane);
             }
+            to.second_derivatives = Some(own);
         }
-        for (to, from) in expansions.second_derivatives.iter_mut().zip(second) {
-            for (to, from) in to.iter_mut().zip(from) {
-                *to = from.row();
-            }
-        }
-        Some(expansions)
+        Some(maps)
     }
-}
-
-/// The vector of a row.
-#[inline(always)]
-fn vector([x, y, z]: &[[f64; ROW]; 3], row: usize) -> Vec3 {
-    Vec3::new(x[row % ROW], y[row % ROW], z[row % ROW])
 }
 
 impl Expansions {
@@ -159,25 +143,7 @@ impl Expansions {
         if self.known >> row & 1 == 0 {
             return None;
         }
-        let [a, b, c] = &self.inverse;
-        let [xx, yy, zz, xy, yz, zx] = &self.second_derivatives;
-        let expansion = RowMap {
-            x: splat_vector(lane, vector(&self.x, row)),
-            xi: splat_vector(lane, vector(&self.xi, row)),
-            inverse: [
-                splat_vector(lane, vector(a, row)),
-                splat_vector(lane, vector(b, row)),
-                splat_vector(lane, vector(c, row)),
-            ],
-            second_derivatives: Some([
-                vector(xx, row),
-                vector(yy, row),
-                vector(zz, row),
-                vector(xy, row),
-                vector(yz, row),
-                vector(zx, row),
-            ]),
-        };
+        let expansion = self.maps[row % ROW].in_row(lane);
         Some((expansion, self.exact >> row & 1 != 0))
     }
 }
