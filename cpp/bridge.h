@@ -142,8 +142,6 @@ void block_add_leaves(Block&, rust::Slice<const std::int32_t> origins, rust::Sli
                       rust::Slice<const float> values);
 void grid_attach(Grid&, std::unique_ptr<Block>);
 void grid_flood_fill(Grid&, const Host&);
-std::unique_ptr<Grid> grid_fog(const Grid&, const Host&);
-std::unique_ptr<Grid> grid_unfogged(const Grid&, double ramp, const Host&);
 
 // leaves.cc: leaves, tiles and values of a tree
 std::unique_ptr<LeafTable> leaf_table(const Grid&);
@@ -178,10 +176,12 @@ std::unique_ptr<Grid> file_coarse(rust::Slice<const std::uint8_t> path, rust::St
 // csg.cc
 void grid_csg(Grid&, std::unique_ptr<Grid> operand, Csg kind, const Host&);
 
-// mesh.cc: to and from meshes
+// convert.cc: to and from meshes and fogs
 std::unique_ptr<Surface> grid_to_mesh(const Grid&, double adaptivity, double max_coordinate, const Host&);
 std::unique_ptr<Grid> grid_from_mesh(rust::Slice<const float> points, rust::Slice<const std::uint32_t> triangles,
                                      double voxel_size, float half_width, const Host&);
+std::unique_ptr<Grid> grid_fog(const Grid&, const Host&);
+std::unique_ptr<Grid> grid_unfogged(const Grid&, double ramp, const Host&);
 
 // measure.cc
 double grid_volume(const Grid&, const Host&);

@@ -1,9 +1,7 @@
 // Whole grids: creation, copies, descriptions; blocks of 128^3 voxels and their attachment.
 #include "impl.h"
 
-#include <openvdb/tools/LevelSetUtil.h>
 #include <openvdb/tools/Morphology.h>
-#include <openvdb/tools/Prune.h>
 #include <openvdb/tools/SignedFloodFill.h>
 #include <openvdb/tree/LeafManager.h>
 
@@ -11,7 +9,6 @@
 #include <cmath>
 #include <cstring>
 #include <utility>
-#include <vector>
 
 using namespace openvdb;
 
@@ -193,63 +190,6 @@ void grid_attach(Grid& handle, std::unique_ptr<Block> block) {
 void grid_flood_fill(Grid& handle, const Host& host) {
   floats(handle).setGridClass(GRID_LEVEL_SET);  // may be unset in files
   in_arena(host, [&] { tools::signedFloodFill(floats(handle).tree()); });
-}
-
-std::unique_ptr<Grid> grid_fog(const Grid& handle, const Host& host) {
-  FloatGrid::Ptr fog;
-  in_arena(host, [&] {
-    fog = floats(handle).deepCopy();
-    // Only the signs of inactive values are stored in files; the fog must not depend on more.
-    const float outside = fog->background();
-    tree::LeafManager<FloatTree> leaves(fog->tree());
-    leaves.foreach([outside](Leaf& leaf, std::size_t) {
-      for (auto it = leaf.beginValueOff(); it; ++it) it.setValue(*it < 0 ? -outside : outside);
-    });
-    tools::pruneLevelSet(fog->tree());
-    tools::sdfToFogVolume(*fog);
-    fog->setName("density");
-  });
-  return wrap(fog);
-}
-
-std::unique_ptr<Grid> grid_unfogged(const Grid& handle, double ramp, const Host& host) {
-  FloatGrid::Ptr made;
-  in_arena(host, [&] {
-    const FloatGrid& fog = floats(handle);
-    const float outside = static_cast<float>(ramp);
-    made = fog.deepCopy();
-    FloatTree& tree = made->tree();
-    tools::dilateActiveValues(tree, 1, tools::NN_FACE);
-    auto tile = tree.beginValueAll();
-    tile.setMaxDepth(FloatTree::ValueAllIter::LEAF_DEPTH - 1);
-    for (; tile; ++tile) tile.setValue(*tile > 0 ? -*tile * outside : outside);
-    tree::LeafManager<FloatTree> leaves(tree);
-    leaves.foreach([&](Leaf& leaf, std::size_t) {
-      const auto densities = fog.getConstAccessor();
-      for (auto it = leaf.beginValueAll(); it; ++it) {
-        if (*it > 0) {
-          it.setValue(-*it * outside);
-          continue;
-        }
-        // Distances in ramps, at most one; inactive voxels get more. Along each axis the density goes on falling beyond
-        // the surface, to 2 first - second; the nearest surface counts.
-        float least = it.isValueOn() ? 1.0f : 2.0f;
-        for (int side = 0; side < 6 && it.isValueOn(); ++side) {
-          Coord step(0);
-          step[side / 2] = side % 2 ? 1 : -1;
-          const Coord next = it.getCoord() + step;
-          const float first = densities.getValue(next), second = densities.getValue(next + step);
-          if (!(first > 0)) continue;
-          // In a thin wall the second voxel tells nothing; the density then falls by a voxel of the ramp.
-          const float beyond = second > first ? second - 2 * first : 1 / outside - first;
-          least = std::min(least, std::max(beyond, 0.0f));
-        }
-        it.setValue(least * outside);
-      }
-    });
-    tree.root().setBackground(outside, /*updateChildNodes=*/false);
-  });
-  return wrap(made);
 }
 
 }  // namespace druse
