@@ -5,7 +5,6 @@
 #include <openvdb/tools/SignedFloodFill.h>
 #include <openvdb/tree/LeafManager.h>
 
-#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <utility>

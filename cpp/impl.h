@@ -3,6 +3,7 @@
 
 #include "bridge.h"
 #include "druse/src/vdb/ffi.rs.h"
+#include "library.h"
 
 #include <openvdb/openvdb.h>
 #include <openvdb/util/NullInterrupter.h>
@@ -13,15 +14,6 @@
 #include <chrono>
 #include <stdexcept>
 #include <string>
-
-// libopenvdb registers these grids, so it has their virtual functions. Compiled once more in each file that makes a grid,
-// they were six tenths of the compiler's work here.
-extern template class openvdb::tree::Tree<openvdb::FloatTree::RootNodeType>;
-extern template class openvdb::tree::Tree<openvdb::DoubleTree::RootNodeType>;
-extern template class openvdb::tree::Tree<openvdb::Vec3STree::RootNodeType>;
-extern template class openvdb::Grid<openvdb::FloatTree>;
-extern template class openvdb::Grid<openvdb::DoubleTree>;
-extern template class openvdb::Grid<openvdb::Vec3STree>;
 
 namespace druse {
 

@@ -56,10 +56,6 @@ pub(super) struct Curved {
     pub bend: [Vec3; 6],
     /// The same map in powers of xi.
     pub polynomial: Polynomial,
-    /// Mean of det dx/dxi over the cell; times the cell's volume, the element's.
-    pub mean_determinant: f64,
-    /// Bounds of det dx/dxi over the cell: its least and its greatest Bernstein coefficient.
-    pub determinant_range: (f64, f64),
     /// The point at the centre of the cell.
     origin: Vec3,
     /// The inverse Jacobian at the centre, for the first guess of the inverse.
@@ -205,16 +201,10 @@ impl Curved {
             kind,
             net,
             polynomial,
-            mean_determinant: 0.0,
-            determinant_range: (0.0, 0.0),
             bend,
             origin: Vec3::zeros(),
             start: Mat3::identity(),
         };
-        // A net of 216 coefficients for a quadratic cube: computed once, and too large to keep.
-        let determinant = super::orientation::jacobian_determinant(&curved);
-        curved.mean_determinant = determinant.mean();
-        curved.determinant_range = determinant.range();
         let (origin, centre) = curved.evaluate(CellPoint(Vec3::zeros()));
         curved.origin = origin;
         curved.start = centre.try_inverse().unwrap_or_else(Mat3::zeros);
@@ -240,7 +230,8 @@ impl Curved {
 
     /// Bounds of the singular values of the Jacobian.
     fn stretch(&self) -> (f64, f64) {
-        stretch(self.jacobian_net(), self.determinant_range)
+        let determinant = super::orientation::jacobian_determinant(self);
+        stretch(self.jacobian_net(), &determinant)
     }
 
     /// The preimage of `x` by Newton's method from `start`; the error is the least distance from `x` that was reached,
@@ -260,9 +251,9 @@ impl Curved {
 
 /// Bounds of the singular values sigma of a Jacobian J. On each part of the cell, with J0 the mean over its net,
 /// |sigma(J) - sigma(J0)| <= |J - J0|. A part is split while its lower bound is below half of the least sigma(J0),
-/// at most 64 times in all. Also, `sigma_min >= |det J| / sigma_max^2`; det J lies between `lowest` and `highest`.
+/// at most 64 times in all. Also, `sigma_min >= |det J| / sigma_max^2`.
 /// World units per reference length. The lower bound is 0 where none is proved.
-pub(super) fn stretch(jacobian: Net<Mat3>, (lowest, highest): (f64, f64)) -> (f64, f64) {
+pub(super) fn stretch(jacobian: Net<Mat3>, determinant: &Net<f64>) -> (f64, f64) {
     let whole = Part::whole(jacobian.family);
     let mut open = vec![(jacobian, whole)];
     let (mut least, mut greatest) = (f64::INFINITY, 0f64);
@@ -287,7 +278,8 @@ pub(super) fn stretch(jacobian: Net<Mat3>, (lowest, highest): (f64, f64)) -> (f6
         }
     }
     // |det J| is the product of the singular values, two of them at most `greatest`.
-    let by_volume = lowest.max(-highest) / greatest.powi(2);
+    let (low, high) = determinant.range();
+    let by_volume = low.max(-high) / greatest.powi(2);
     (least.max(by_volume).max(0.0), greatest)
 }
 

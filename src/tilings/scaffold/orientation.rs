@@ -31,6 +31,16 @@ pub enum Orientation {
     },
 }
 
+/// det dx/dr of a curved element as a polynomial over the cell.
+pub(super) fn parametric_determinant(c: &Curved) -> Net<f64> {
+    let mut net = jacobian_determinant(c);
+    let scale = parametric_scale(c.kind);
+    for d in &mut net.coefficients {
+        *d *= scale;
+    }
+    net
+}
+
 /// det dx/dr over det dx/dxi.
 pub(super) fn parametric_scale(kind: Kind) -> f64 {
     match kind.family() {
@@ -58,7 +68,7 @@ impl ElementMap<'_> {
     pub fn volume(&self) -> f64 {
         let mean = match &self.geometry.map {
             Map::Affine(a) => a.jacobian.determinant(),
-            Map::Curved(c) => c.mean_determinant,
+            Map::Curved(c) => jacobian_determinant(c).mean(),
             Map::Twisted(t) => t.mean_determinant(),
             Map::Collapsed(c) => c.mean_determinant(),
         };
@@ -69,27 +79,22 @@ impl ElementMap<'_> {
     pub fn orientation(&self) -> Orientation {
         let size = 2.0 * self.bounds().half_diagonal();
         let tiny = 1e-12 * size.powi(3);
-        // det dx/dr is this times det dx/dxi.
-        let scale = parametric_scale(self.kind);
-        let sign = |(low, high): (f64, f64)| {
-            if low * scale > tiny {
-                return Some(Orientation::Positive);
-            }
-            (high * scale < -tiny).then_some(Orientation::Negative)
-        };
         match &self.geometry.map {
             Map::Affine(a) => {
-                let determinant = a.jacobian.determinant();
-                sign((determinant, determinant)).unwrap_or(Orientation::Degenerate {
-                    determinant: determinant * scale,
-                    at: CellPoint(Vec3::zeros()),
-                })
+                let determinant = a.jacobian.determinant() * parametric_scale(self.kind);
+                if determinant > tiny {
+                    Orientation::Positive
+                } else if determinant < -tiny {
+                    Orientation::Negative
+                } else {
+                    Orientation::Degenerate {
+                        determinant,
+                        at: CellPoint(Vec3::zeros()),
+                    }
+                }
             }
-            // Of most elements all coefficients have one sign.
-            Map::Curved(c) => sign(c.determinant_range).unwrap_or_else(|| {
-                sign_of(jacobian_determinant(c), tiny / scale, |d, r| {
-                    (d * scale, self.kind.from_parameters(r))
-                })
+            Map::Curved(c) => sign_of(parametric_determinant(c), tiny, |d, r| {
+                (d, self.kind.from_parameters(r))
             }),
             Map::Twisted(t) => t.orientation(tiny),
             Map::Collapsed(c) => sign_of(c.determinant_net(), tiny, |d, r| c.spot(d, r)),

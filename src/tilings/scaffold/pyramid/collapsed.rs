@@ -252,7 +252,7 @@ impl Collapsed {
 
     /// Bounds of the singular values of J over the element.
     pub fn stretch(&self) -> (f64, f64) {
-        crate::scaffold::map::stretch(self.jacobian_net(), self.determinant_net().range())
+        crate::scaffold::map::stretch(self.jacobian_net(), &self.determinant_net())
     }
 
     /// A determinant found at parametric coordinates, and its place in the cell frame: where that is the
