@@ -440,33 +440,45 @@ fn is_closed(mesh: &TriMesh) -> bool {
     edges.values().all(|n| *n == 0)
 }
 
-/// The distance of a point from a face of an element: by steps of Gauss and Newton along the face from the nearest point
-/// of a grid. The inverse map may find another preimage, far from the face, where an element is nearly folded.
+/// The distance of a point from a face of an element, or from what a twentieth of its sides adds to it: by steps of Gauss
+/// and Newton along the face from the nearest point of a grid. The inverse map may find another preimage, far from the
+/// face, where an element is nearly folded.
 fn distance_to_face(e: &ElementMap, face: usize, x: Vec3) -> f64 {
     let nodes = e.kind().reference_nodes();
     let corners = e.kind().faces()[face].corners;
     let [a, b, c] = [0, 1, corners.len() - 1].map(|i| nodes[corners[i] as usize].0);
-    let off = |[u, v]: [f64; 2]| e.map(CellPoint(a + (b - a) * u + (c - a) * v)).0 - x;
+    let last = if corners.len() == 3 { 1.05 } else { 2.1 };
+    let place = |[u, v]: [f64; 2]| CellPoint(a + (b - a) * u + (c - a) * v);
+    let off = |at| e.map(place(at)).0 - x;
     let grid = (0..81).map(|n| [n % 9, n / 9].map(|i| i as f64 / 8.0));
     let mut at = grid
-        .filter(|[u, v]| corners.len() == 4 || u + v <= 1.0)
+        .filter(|[u, v]| u + v <= last)
         .min_by(|p, q| off(*p).norm().total_cmp(&off(*q).norm()))
         .unwrap();
-    let mut least = off(at).norm();
-    for _ in 0..12 {
-        let [u, v] = at;
-        let by_u = (off([u + 1e-5, v]) - off([u - 1e-5, v])) / 2e-5;
-        let by_v = (off([u, v + 1e-5]) - off([u, v - 1e-5])) / 2e-5;
-        // The step (p, q) with the least |off + p by_u + q by_v|.
-        let normal = by_u.cross(&by_v);
-        let solved = Mat3::from_columns(&[by_u, by_v, normal]).try_inverse();
-        let Some(step) = solved.map(|m| m * -off(at)) else {
+    for _ in 0..20 {
+        // The step (p, q) with the least |off + p by_u + q by_v|, halved while the distance grows.
+        let jacobian = e.jacobian(place(at));
+        let (by_u, by_v) = (jacobian * (b - a), jacobian * (c - a));
+        let tangents = Mat3::from_columns(&[by_u, by_v, by_u.cross(&by_v)]);
+        let Some(step) = tangents.try_inverse().map(|m| m * -off(at)) else {
             break;
         };
-        at = [u + step.x, v + step.y];
-        least = least.min(off(at).norm());
+        let ends = (0..8).map(|n| {
+            let share = 0.5f64.powi(n);
+            let [u, v] =
+                [at[0] + share * step.x, at[1] + share * step.y].map(|t| t.clamp(-0.05, 1.05));
+            let beyond = ((u + v) / last).max(1.0);
+            [u / beyond, v / beyond]
+        });
+        let Some(end) = ends
+            .into_iter()
+            .find(|end| off(*end).norm() < off(at).norm())
+        else {
+            break;
+        };
+        at = end;
     }
-    least
+    off(at).norm()
 }
 
 proptest! {
