@@ -25,7 +25,18 @@ pub(super) struct Geometry {
     pub bounds: Aabb,
     /// Bounds of the singular values of the Jacobian.
     pub stretch: (f64, f64),
+    pub determinant: Determinant,
     pub map: Map,
+}
+
+/// det dx/dxi over the cell, cubic world units per cubic reference length; negative in mirrored elements. Computed once:
+/// that of a quadratic cube has 216 coefficients.
+#[derive(Clone, Copy)]
+pub(super) struct Determinant {
+    /// Times the cell's volume, the element's.
+    pub mean: f64,
+    /// Bounds of its values.
+    pub range: (f64, f64),
 }
 
 #[derive(Clone)]
@@ -72,19 +83,28 @@ impl Geometry {
         let net = kind.controls(nodes);
         let bounds = Aabb::of(net.coefficients.iter().copied());
         let map = Map::new(kind, nodes, net, &bounds);
+        let determinant = map.determinant();
         Self {
             bounds,
-            stretch: map.stretch(),
+            stretch: map.stretch(determinant.range),
+            determinant,
             map,
         }
     }
 
     /// The geometry of the same element with its nodes in another order. Its box and the singular values of its
-    /// Jacobian stay, since a turn of the reference cell is orthogonal.
-    pub fn renumbered(&self, kind: Kind, nodes: &[Vec3]) -> Self {
+    /// Jacobian stay, since a turn of the reference cell is orthogonal; its determinant too, but for its sign if the turn
+    /// mirrors.
+    pub fn renumbered(&self, kind: Kind, nodes: &[Vec3], mirrors: bool) -> Self {
+        let mut determinant = self.determinant;
+        if mirrors {
+            let (low, high) = determinant.range;
+            (determinant.mean, determinant.range) = (-determinant.mean, (-high, -low));
+        }
         Self {
             bounds: self.bounds,
             stretch: self.stretch,
+            determinant,
             map: Map::new(kind, nodes, kind.controls(nodes), &self.bounds),
         }
     }
@@ -128,16 +148,32 @@ impl Map {
         }
     }
 
-    /// Bounds of the singular values of the Jacobian.
-    fn stretch(&self) -> (f64, f64) {
+    fn determinant(&self) -> Determinant {
+        let (mean, range) = match self {
+            Self::Affine(affine) => {
+                let mean = affine.jacobian.determinant();
+                (mean, (mean, mean))
+            }
+            Self::Curved(curved) => {
+                let net = super::orientation::jacobian_determinant(curved);
+                (net.mean(), net.range())
+            }
+            Self::Twisted(t) => (t.mean_determinant(), t.determinant_range()),
+            Self::Collapsed(c) => (c.mean_determinant(), c.determinant_net().range()),
+        };
+        Determinant { mean, range }
+    }
+
+    /// Bounds of the singular values of the Jacobian, whose determinant lies in `range`.
+    fn stretch(&self, range: (f64, f64)) -> (f64, f64) {
         match self {
             Self::Affine(affine) => {
                 let s = affine.jacobian.singular_values();
                 (s.min(), s.max())
             }
-            Self::Curved(curved) => curved.stretch(),
+            Self::Curved(curved) => stretch(curved.jacobian_net(), range),
             Self::Twisted(twisted) => twisted.stretch(),
-            Self::Collapsed(collapsed) => collapsed.stretch(),
+            Self::Collapsed(collapsed) => stretch(collapsed.jacobian_net(), range),
         }
     }
 }
@@ -228,12 +264,6 @@ impl Curved {
         })
     }
 
-    /// Bounds of the singular values of the Jacobian.
-    fn stretch(&self) -> (f64, f64) {
-        let determinant = super::orientation::jacobian_determinant(self);
-        stretch(self.jacobian_net(), &determinant)
-    }
-
     /// The preimage of `x` by Newton's method from `start`; the error is the least distance from `x` that was reached,
     /// world units.
     pub fn newton(&self, x: Vec3, start: CellPoint<3>) -> Result<CellPoint<3>, f64> {
@@ -251,9 +281,9 @@ impl Curved {
 
 /// Bounds of the singular values sigma of a Jacobian J. On each part of the cell, with J0 the mean over its net,
 /// |sigma(J) - sigma(J0)| <= |J - J0|. A part is split while its lower bound is below half of the least sigma(J0),
-/// at most 64 times in all. Also, `sigma_min >= |det J| / sigma_max^2`.
+/// at most 64 times in all. Also, `sigma_min >= |det J| / sigma_max^2`; det J lies between `lowest` and `highest`.
 /// World units per reference length. The lower bound is 0 where none is proved.
-pub(super) fn stretch(jacobian: Net<Mat3>, determinant: &Net<f64>) -> (f64, f64) {
+fn stretch(jacobian: Net<Mat3>, (lowest, highest): (f64, f64)) -> (f64, f64) {
     let whole = Part::whole(jacobian.family);
     let mut open = vec![(jacobian, whole)];
     let (mut least, mut greatest) = (f64::INFINITY, 0f64);
@@ -278,8 +308,7 @@ pub(super) fn stretch(jacobian: Net<Mat3>, determinant: &Net<f64>) -> (f64, f64)
         }
     }
     // |det J| is the product of the singular values, two of them at most `greatest`.
-    let (low, high) = determinant.range();
-    let by_volume = low.max(-high) / greatest.powi(2);
+    let by_volume = lowest.max(-highest) / greatest.powi(2);
     (least.max(by_volume).max(0.0), greatest)
 }
 

@@ -31,16 +31,6 @@ pub enum Orientation {
     },
 }
 
-/// det dx/dr of a curved element as a polynomial over the cell.
-pub(super) fn parametric_determinant(c: &Curved) -> Net<f64> {
-    let mut net = jacobian_determinant(c);
-    let scale = parametric_scale(c.kind);
-    for d in &mut net.coefficients {
-        *d *= scale;
-    }
-    net
-}
-
 /// det dx/dr over det dx/dxi.
 pub(super) fn parametric_scale(kind: Kind) -> f64 {
     match kind.family() {
@@ -66,37 +56,31 @@ pub(super) fn jacobian_determinant(c: &Curved) -> Net<f64> {
 impl ElementMap<'_> {
     /// The signed volume, exact up to rounding; negative for mirror-numbered elements.
     pub fn volume(&self) -> f64 {
-        let mean = match &self.geometry.map {
-            Map::Affine(a) => a.jacobian.determinant(),
-            Map::Curved(c) => jacobian_determinant(c).mean(),
-            Map::Twisted(t) => t.mean_determinant(),
-            Map::Collapsed(c) => c.mean_determinant(),
-        };
-        mean * self.shape().measure()
+        self.geometry.determinant.mean * self.shape().measure()
     }
 
     /// The sign of det J over the whole element, proved. Determinants below 1e-12 of the cubed diagonal count as 0.
     pub fn orientation(&self) -> Orientation {
         let size = 2.0 * self.bounds().half_diagonal();
         let tiny = 1e-12 * size.powi(3);
+        // det dx/dr is this times det dx/dxi; of most elements all bounds have one sign.
+        let scale = parametric_scale(self.kind);
+        let (low, high) = self.geometry.determinant.range;
+        if low * scale > tiny {
+            return Orientation::Positive;
+        }
+        if high * scale < -tiny {
+            return Orientation::Negative;
+        }
         match &self.geometry.map {
-            Map::Affine(a) => {
-                let determinant = a.jacobian.determinant() * parametric_scale(self.kind);
-                if determinant > tiny {
-                    Orientation::Positive
-                } else if determinant < -tiny {
-                    Orientation::Negative
-                } else {
-                    Orientation::Degenerate {
-                        determinant,
-                        at: CellPoint(Vec3::zeros()),
-                    }
-                }
-            }
-            Map::Curved(c) => sign_of(parametric_determinant(c), tiny, |d, r| {
-                (d, self.kind.from_parameters(r))
+            Map::Affine(_) => Orientation::Degenerate {
+                determinant: low * scale,
+                at: CellPoint(Vec3::zeros()),
+            },
+            Map::Curved(c) => sign_of(jacobian_determinant(c), tiny / scale, |d, r| {
+                (d * scale, self.kind.from_parameters(r))
             }),
-            Map::Twisted(t) => t.orientation(tiny),
+            Map::Twisted(t) => t.defect(tiny),
             Map::Collapsed(c) => sign_of(c.determinant_net(), tiny, |d, r| c.spot(d, r)),
         }
     }

@@ -136,10 +136,17 @@ impl Twisted {
         self.determinants().iter().sum::<f64>() / 4.0
     }
 
-    /// The sign of det J over the element; what is below `tiny` counts as 0. The place is the corner of the base with
-    /// the determinant that decides.
-    pub fn orientation(&self, tiny: f64) -> Orientation {
-        // det J is bilinear over the base: its extremes are at corners.
+    /// Least and greatest det J: it is bilinear over the base, so that its extremes are at corners.
+    pub fn determinant_range(&self) -> (f64, f64) {
+        let all = self.determinants().into_iter();
+        all.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), d| {
+            (a.min(d), b.max(d))
+        })
+    }
+
+    /// What is wrong with det J, where it is above `tiny` at no corner or at some only; what is below counts as 0. The
+    /// place is the corner of the base with the determinant that decides.
+    pub fn defect(&self, tiny: f64) -> Orientation {
         let d = self.determinants();
         let (mut low, mut high) = (0, 0);
         for i in 1..4 {
@@ -151,12 +158,8 @@ impl Twisted {
             }
         }
         let at = |i: usize| CellPoint(Vec3::new(CORNERS[i][0], CORNERS[i][1], 0.0));
-        if d[low] > tiny {
-            Orientation::Positive
-        } else if d[high] < -tiny {
-            Orientation::Negative
         // Where both signs occur, the one opposite to the mean is wrong.
-        } else if d[low] < -tiny && d[high] > tiny {
+        if d[low] < -tiny && d[high] > tiny {
             let wrong = if self.mean_determinant() >= 0.0 {
                 low
             } else {
@@ -195,12 +198,7 @@ impl Twisted {
                 greatest = greatest.max(s.max() + eta);
             }
         }
-        let d = self.determinants();
-        let (low, high) = d
-            .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &d| {
-                (a.min(d), b.max(d))
-            });
+        let (low, high) = self.determinant_range();
         let by_volume = low.max(-high) / greatest.powi(2);
         (least.max(by_volume).max(0.0), greatest)
     }

@@ -28,6 +28,8 @@ struct Renumbering {
     nodes: Vec<u8>,
     /// The new number of each face.
     faces: Vec<u8>,
+    /// Whether the turn is a mirror.
+    mirrors: bool,
 }
 
 impl Renumbering {
@@ -44,7 +46,12 @@ impl Renumbering {
         images.iter_mut().for_each(sorted);
         let number = |f: &Vec<u8>| images.iter().position(|i| i == f).map(|n| n as u8);
         let faces = former.iter().map(number).collect::<Option<_>>()?;
-        Some(Self { nodes, faces })
+        let mirrors = turn.determinant() < 0.0;
+        Some(Self {
+            nodes,
+            faces,
+            mirrors,
+        })
     }
 }
 
@@ -91,8 +98,8 @@ impl Scaffold {
         let geometry = self.geometry.par_iter_mut().enumerate();
         // The former maps are freed one by one, so that the new ones need no more memory.
         let map = |(e, own): (usize, &mut super::map::Geometry)| {
-            if renumbering(e).is_some() {
-                *own = own.renumbered(elements.kind(e), &elements.points(e, nodes));
+            if let Some(r) = renumbering(e) {
+                *own = own.renumbered(elements.kind(e), &elements.points(e, nodes), r.mirrors);
             }
         };
         let topology = &mut self.topology;

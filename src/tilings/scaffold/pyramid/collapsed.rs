@@ -233,7 +233,7 @@ impl Collapsed {
     }
 
     /// dx/dxi over the collapsed cube.
-    fn jacobian_net(&self) -> Net<Mat3> {
+    pub fn jacobian_net(&self) -> Net<Mat3> {
         Net::of(Family::Tensor, 2, |r| self.at_parameters(r).1)
     }
 
@@ -248,11 +248,6 @@ impl Collapsed {
             self.at_parameters(r).1.determinant() * (1.0 - r.z).powi(2)
         });
         3.0 * weighed.mean()
-    }
-
-    /// Bounds of the singular values of J over the element.
-    pub fn stretch(&self) -> (f64, f64) {
-        crate::scaffold::map::stretch(self.jacobian_net(), &self.determinant_net())
     }
 
     /// A determinant found at parametric coordinates, and its place in the cell frame: where that is the

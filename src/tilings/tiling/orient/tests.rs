@@ -490,6 +490,9 @@ fn a_turned_scaffold_is_as_made_anew() {
             let xi = CellPoint(own.shape().centroid().0 + Vec3::new(0.1, -0.05, 0.07));
             assert_eq!(own.map(xi), other.map(xi));
             assert_eq!(own.bounds(), other.bounds());
+            let volume = other.volume();
+            assert!((own.volume() - volume).abs() <= 1e-12 * volume.abs());
+            assert_eq!(own.orientation(), other.orientation());
             // Bounds of the same singular values, though they may be found by other splits.
             let found = own.jacobian(xi).singular_values();
             for (low, high) in [own.stretch(), other.stretch()] {
