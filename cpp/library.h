@@ -1,5 +1,5 @@
 // Virtual functions that libopenvdb has compiled, since it registers these grids. Each of our files that makes a grid
-// would compile them again: half of the compiler's work on this side. Other functions need not be in a library.
+// would compile them again: half of the compiler's work on those files. Other functions need not be in a library.
 #pragma once
 
 #include <openvdb/openvdb.h>
@@ -35,7 +35,8 @@ namespace openvdb {
   extern template GridBase::Ptr Grid_::copyGridWithNewTree() const;                                                    \
   extern template GridBase::ConstPtr Grid_::copyGridReplacingMetadata(const MetaMap&) const;                           \
   extern template GridBase::ConstPtr Grid_::copyGridReplacingTransform(math::Transform::Ptr) const;                    \
-  extern template GridBase::ConstPtr Grid_::copyGridReplacingMetadataAndTransform(const MetaMap&, math::Transform::Ptr) const; \
+  extern template GridBase::ConstPtr Grid_::copyGridReplacingMetadataAndTransform(                                     \
+      const MetaMap&, math::Transform::Ptr) const;                                                                     \
   extern template GridBase::Ptr Grid_::deepCopyGrid() const;                                                           \
   extern template void Grid_::setTree(TreeBase::Ptr);                                                                  \
   extern template void Grid_::newTree();                                                                               \

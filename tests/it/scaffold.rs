@@ -463,17 +463,15 @@ fn distance_to_face(e: &ElementMap, face: usize, x: Vec3) -> f64 {
         let Some(step) = tangents.try_inverse().map(|m| m * -off(at)) else {
             break;
         };
-        let ends = (0..8).map(|n| {
+        let mut ends = (0..8).map(|n| {
             let share = 0.5f64.powi(n);
             let [u, v] =
                 [at[0] + share * step.x, at[1] + share * step.y].map(|t| t.clamp(-0.05, 1.05));
             let beyond = ((u + v) / last).max(1.0);
             [u / beyond, v / beyond]
         });
-        let Some(end) = ends
-            .into_iter()
-            .find(|end| off(*end).norm() < off(at).norm())
-        else {
+        let distance = off(at).norm();
+        let Some(end) = ends.find(|end| off(*end).norm() < distance) else {
             break;
         };
         at = end;

@@ -144,8 +144,8 @@ impl Twisted {
         })
     }
 
-    /// What is wrong with det J, where it is above `tiny` at no corner or at some only; what is below counts as 0. The
-    /// place is the corner of the base with the determinant that decides.
+    /// What is wrong where det J is neither above `tiny` nor below `-tiny` at all corners of the base. The place is the
+    /// corner with the determinant that decides.
     pub fn defect(&self, tiny: f64) -> Orientation {
         let d = self.determinants();
         let (mut low, mut high) = (0, 0);
