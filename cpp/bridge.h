@@ -127,6 +127,8 @@ class Stream {
 // grid.cc: whole grids, and blocks
 void initialize();
 void end_on_exhaustion(bool is_of_threads, rust::Str words, rust::Str json, std::int32_t code);
+void end_silently(std::int32_t memory_code, std::int32_t threads_code);
+std::int32_t fork_process();
 std::unique_ptr<Grid> grid_new(double voxel_size, float background);
 std::unique_ptr<Grid> grid_copy(const Grid&);
 std::unique_ptr<Grid> grid_with_neighbours(const Grid&);

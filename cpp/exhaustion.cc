@@ -1,4 +1,5 @@
-// The end of the program when memory or threads run out: words that were set beforehand, and an exit code.
+// The process: its fork, and its end when memory or threads run out, with words that were set beforehand and an exit
+// code.
 //
 // Rust aborts where an allocation fails, and C++ throws where nothing may catch. The program's allocations pass through
 // allocation.cc, so that both end here instead. Nothing ends until `end_on_exhaustion` is called, which the program
@@ -49,6 +50,8 @@ enum class Cause { None, Memory, Threads };
 struct Ending {
   Text message, object;
   int exit_code = 0;
+  // Not 0 where another process has the words: the exit code without them.
+  std::atomic<int> silent_code{0};
 };
 
 Ending of_memory, of_threads;
@@ -58,6 +61,7 @@ std::atomic_flag is_ending = ATOMIC_FLAG_INIT;
 [[noreturn]] void end(const Ending& ending) {
   // One thread writes; the others wait for the end of the process.
   while (is_ending.test_and_set()) pause();
+  if (const int code = ending.silent_code) _exit(code);
   ending.message.write(STDERR_FILENO);
   ending.object.write(STDOUT_FILENO);
   _exit(ending.exit_code);
@@ -125,6 +129,16 @@ void end_on_exhaustion(bool is_of_threads, rust::Str words, rust::Str json, std:
   // Each thread reserves 64 MiB of addresses for its allocations, and tries again at each of them where it gets none.
   rlimit limit{};
   if (getrlimit(RLIMIT_AS, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY) mallopt(M_ARENA_MAX, 1);
+}
+
+void end_silently(std::int32_t memory_code, std::int32_t threads_code) {
+  of_memory.silent_code = memory_code;
+  of_threads.silent_code = threads_code;
+}
+
+std::int32_t fork_process() {
+  const pid_t child = ::fork();
+  return child < 0 ? -errno : child;
 }
 
 }  // namespace druse

@@ -16,6 +16,7 @@
 use crate::vdb::subprocess::Program;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::ffi::OsString;
+use std::io::Write;
 use std::panic::AssertUnwindSafe;
 use std::process::ExitCode;
 
@@ -48,6 +49,7 @@ mod new;
 mod new_part;
 mod numbers;
 mod output;
+mod parent;
 mod plan;
 mod plot;
 mod points;
@@ -76,6 +78,7 @@ mod voxelize;
 use context::{GlobalOptions, Session};
 pub use failure::Failure;
 use output::Answer;
+use parent::Role;
 
 /// Symmetric implicit microstructures over unstructured meshes, as OpenVDB level sets.
 #[derive(Parser)]
@@ -101,6 +104,12 @@ macro_rules! commands {
         enum Command { $($(#[$meta])* $name($module::Parameters),)* }
 
         impl Command {
+            /// Whether a child of the process may be the program: not for a server, which has to outlive a file, nor for the
+            /// child that judges one.
+            fn may_fork(&self) -> bool {
+                !matches!(self, Self::View(_) | Self::InspectVdb(_))
+            }
+
             fn answer(self, session: &Session) -> Result<Answer, Failure> {
                 match self { $(Self::$name(p) => $module::answer(&p, session),)* }
             }
@@ -165,21 +174,40 @@ fn grammar() -> clap::Command {
     Cli::command()
 }
 
-/// Runs the program on its arguments (the first is its name) and returns its exit code.
+/// Runs the program on its arguments (the first is its name), and ends the process with its exit code. Where they name a
+/// `.vdb`, a child of the process is the program, so that a damaged file ends the child alone.
 pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
-    ExitCode::from(run_program(arguments, None))
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    let code = run_process(&arguments, Way::Forked);
+    let _ = std::io::stdout().flush();
+    // Not by returning it: exit handlers of libraries wait for their threads, which a forked process does not have.
+    signal_hook::low_level::exit(i32::from(code))
 }
 
-/// As [`main`], for a program that is not this process's executable: `reader` starts it as the child that reads
-/// `.vdb` files.
+/// As [`main`], for a program that is not this process's executable, and without its end: `reader` starts it as the child
+/// that reads `.vdb` files.
 pub fn run_program(arguments: impl IntoIterator<Item = OsString>, reader: Option<Program>) -> u8 {
     if let Some(reader) = reader {
         vdb::set_reader(reader);
     }
     let arguments: Vec<OsString> = arguments.into_iter().collect();
+    run_process(&arguments, Way::Judged)
+}
+
+/// How a damaged `.vdb` is kept from ending the program.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Way {
+    /// The program is a child of this process.
+    Forked,
+    /// A child judges each file.
+    Judged,
+}
+
+/// Parses the arguments, runs the command, and prints its answer or failure. Returns the exit code.
+fn run_process(arguments: &[OsString], way: Way) -> u8 {
     let json = arguments.iter().any(|a| a == "--json");
     Failure::print_on_exhaustion(None);
-    let cli = match Cli::try_parse_from(&arguments) {
+    let cli = match Cli::try_parse_from(arguments) {
         Ok(cli) => cli,
         Err(e) => {
             // The error quotes arguments: it is made again of what a terminal may show of them.
@@ -190,12 +218,29 @@ pub fn run_program(arguments: impl IntoIterator<Item = OsString>, reader: Option
             return failure::usage(&e, json);
         }
     };
-    let session = Session::new(cli.options);
-    failure::capture_panics();
     let command = cli.command;
+    let role =
+        if way == Way::Forked && command.may_fork() && arguments.iter().any(parent::is_volume) {
+            parent::split()
+        } else {
+            Role::Alone
+        };
+    let relay = match role {
+        Role::Alone => None,
+        Role::Child(relay) => Some(relay),
+        Role::Parent(parent) => {
+            return parent.wait().unwrap_or_else(|fault| {
+                let session = Session::new(cli.options, None);
+                session.clear_bar();
+                Failure::from(fault).print(&session)
+            });
+        }
+    };
+    let session = Session::new(cli.options, relay);
+    failure::capture_panics();
     match command {
         // Its parent has the words for it.
-        Command::InspectVdb(_) => vdb::end_reader_on_exhaustion(),
+        Command::InspectVdb(_) => crate::vdb::limits::end_silently(),
         _ => Failure::print_on_exhaustion(Some(&session)),
     }
     let answered = match session.color_grid() {

@@ -39,10 +39,12 @@ mod fog;
 mod index_map;
 mod volume;
 
-// Files: reading and writing, in a child process for untrusted ones, and as streams of leaves.
+// Files: reading and writing, untrusted ones in a child process, and as streams of leaves.
 mod file;
+pub(crate) mod forked;
 mod hash;
 mod level_set_file;
+pub(crate) mod limits;
 mod stream;
 pub mod subprocess;
 mod temporary_file;

@@ -3,15 +3,18 @@
 
 use super::failure::Failure;
 use super::progress::{Display, Style};
-use super::signals::Signals;
+use super::signals::{Relay, Signals};
 use super::terminal;
 use crate::pipeline::{RunError, Warning};
 use crate::progress::{Progress, Threads};
 use clap::{Args, ValueEnum};
 use std::convert::Infallible;
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::str::FromStr;
 use std::sync::Arc;
+
+/// Removes the progress bar from a terminal.
+pub(super) const CLEAR_LINE: &str = "\r\x1b[2K";
 
 /// Flags that every command understands.
 #[allow(clippy::struct_excessive_bools)] // Each is a flag of its own.
@@ -139,8 +142,8 @@ pub(super) struct Session {
 
 impl Session {
     /// Starts an invocation: sets the instructions of the process (`--portable`), the logger, and the handlers of
-    /// signals.
-    pub(super) fn new(options: GlobalOptions) -> Self {
+    /// signals. A parent passes its own on through `relay`.
+    pub(super) fn new(options: GlobalOptions, relay: Option<Relay>) -> Self {
         if options.portable {
             crate::simd::use_instruction_set(crate::simd::InstructionSet::Portable);
         }
@@ -156,7 +159,7 @@ impl Session {
         Self {
             options,
             display,
-            signals: Signals::listen(),
+            signals: Signals::listen(relay),
         }
     }
 
@@ -173,6 +176,13 @@ impl Session {
     /// Whether a bar shows the progress.
     pub(super) fn shows_bar(&self) -> bool {
         self.display.is_bar()
+    }
+
+    /// Removes the bar that a program left on the terminal when it ended.
+    pub(super) fn clear_bar(&self) {
+        if self.shows_bar() {
+            let _ = write!(std::io::stderr(), "{CLEAR_LINE}");
+        }
     }
 
     /// Whether more details are printed.

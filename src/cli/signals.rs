@@ -8,7 +8,7 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use rustix::time::{ClockId, clock_gettime};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXCPU, SIGXFSZ};
 use signal_hook::{flag, low_level};
-use std::io::{Read, Write};
+use std::io::{ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -24,6 +24,26 @@ const FAREWELL_TIME: Duration = Duration::from_millis(500);
 /// Stack of the thread that waits for signals, bytes.
 const STACK_BYTES: usize = 1 << 18;
 
+/// What a handler of a signal writes into a [`Relay`]; a parent writes the number of the signal.
+const HANDLED: u8 = b'X';
+
+/// The way of signals into a program: from its own handlers, and from its parent.
+pub(super) struct Relay {
+    pub(super) sender: UnixStream,
+    receiver: UnixStream,
+}
+
+impl Relay {
+    /// A way without anything in it.
+    ///
+    /// # Errors
+    /// The process may open no more files.
+    pub(super) fn new() -> std::io::Result<Self> {
+        let (receiver, sender) = UnixStream::pair()?;
+        Ok(Self { sender, receiver })
+    }
+}
+
 /// The signals received so far.
 #[derive(Clone)]
 pub(super) struct Signals {
@@ -32,8 +52,9 @@ pub(super) struct Signals {
 }
 
 impl Signals {
-    /// Starts to listen. Where the system refuses a handler, its signal keeps its usual effect.
-    pub(super) fn listen() -> Self {
+    /// Starts to listen, also to a parent that passes its own signals on through `relay`. Where the system refuses a
+    /// handler, its signal keeps its usual effect.
+    pub(super) fn listen(relay: Option<Relay>) -> Self {
         let signals = Self {
             stop: Arc::new(AtomicBool::new(false)),
             which: Arc::new(AtomicUsize::new(0)),
@@ -41,38 +62,39 @@ impl Signals {
         // With a handler of any kind, the write that passes the limit fails.
         let _ = flag::register(SIGXFSZ, Arc::default());
         warn_before_the_end_of_processor_time();
-        let pipe = UnixStream::pair().ok();
+        let relay = relay.or_else(|| Relay::new().ok());
+        // Apart from `stop`, which a signal of the parent sets too: one interrupt of a terminal reaches both.
+        let handled = Arc::new(AtomicBool::new(false));
         for signal in [SIGINT, SIGTERM, SIGHUP, SIGXCPU] {
             // `nohup` keeps a program alive by this.
             if signal == SIGHUP && is_ignored(SIGHUP) {
                 continue;
             }
             let number = signal as usize;
-            // The order matters: the first signal finds `stop` unset, so the shutdown handler ignores it. The system
+            // The order matters: the first signal finds `handled` unset, so the shutdown handler ignores it. The system
             // sends SIGXCPU again every second.
             let second = match signal {
                 SIGXCPU => Ok(()),
-                _ => flag::register_conditional_shutdown(
-                    signal,
-                    128 + signal,
-                    Arc::clone(&signals.stop),
-                )
-                .map(drop),
+                _ => {
+                    flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&handled))
+                        .map(drop)
+                }
             };
             let _ = second
                 .and_then(|()| flag::register_usize(signal, Arc::clone(&signals.which), number))
+                .and_then(|_| flag::register(signal, Arc::clone(&handled)))
                 .and_then(|_| flag::register(signal, Arc::clone(&signals.stop)));
-            if let Some(end) = pipe.as_ref().and_then(|p| p.1.try_clone().ok()) {
+            if let Some(end) = relay.as_ref().and_then(|r| r.sender.try_clone().ok()) {
                 let _ = low_level::pipe::register(signal, end);
             }
         }
-        if let Some((wake, _)) = pipe {
+        if let Some(relay) = relay {
             let own = signals.clone();
             // Without a thread a second signal is needed.
             let _ = std::thread::Builder::new()
                 .name("signals".into())
                 .stack_size(STACK_BYTES)
-                .spawn(move || own.end_idle_program(wake));
+                .spawn(move || own.end_idle_program(relay.receiver));
         }
         signals
     }
@@ -90,17 +112,34 @@ impl Signals {
 
     /// Waits for a signal, then for the work to end by itself; ends the program once it uses almost no processor
     /// time: it waits for another program then.
-    fn end_idle_program(&self, mut wake: UnixStream) {
-        let mut byte = [0];
-        if wake.read_exact(&mut byte).is_err() {
-            return;
-        }
+    fn end_idle_program(&self, mut receiver: UnixStream) {
+        let (mut byte, mut before, mut passed_on) = ([0], Duration::ZERO, 0);
         loop {
-            let before = processor_time();
-            std::thread::sleep(IDLE_TIME);
-            if processor_time().saturating_sub(before) < MAX_IDLE_WORK {
+            let is_idle = match receiver.read_exact(&mut byte) {
+                // A second of the parent ends the program as a second of its own does.
+                Ok(()) if byte != [HANDLED] => {
+                    passed_on += 1;
+                    if passed_on > 1 {
+                        low_level::exit(128 + i32::from(byte[0]));
+                    }
+                    // Its own handler has noted the same one, where both received it.
+                    if !self.stop.load(Ordering::Relaxed) {
+                        self.which.store(byte[0].into(), Ordering::Relaxed);
+                        self.stop.store(true, Ordering::Relaxed);
+                    }
+                    false
+                }
+                Ok(()) => false,
+                Err(e) if e.kind() == ErrorKind::WouldBlock => {
+                    processor_time().saturating_sub(before) < MAX_IDLE_WORK
+                }
+                Err(_) => return,
+            };
+            if is_idle {
                 break;
             }
+            before = processor_time();
+            let _ = receiver.set_read_timeout(Some(IDLE_TIME));
         }
         let code = self.exit_code().unwrap_or(128);
         let (sent, received) = channel();
@@ -139,7 +178,7 @@ fn warn_before_the_end_of_processor_time() {
 }
 
 /// Whether the program was started with a signal ignored.
-fn is_ignored(signal: i32) -> bool {
+pub(super) fn is_ignored(signal: i32) -> bool {
     let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = text.lines().find_map(|l| l.strip_prefix("SigIgn:"));
     let mask = mask.and_then(|m| u64::from_str_radix(m.trim(), 16).ok());

@@ -1,15 +1,14 @@
-//! Opening `.vdb` files in a child process, so that a damaged file cannot crash the program. The child is this
-//! program with a hidden command, limited in memory and time; it writes a description, or a coarse copy of a large
-//! level set, to a pipe. Any other grid is read again by this process, after the child has read it without harm.
+//! Opening `.vdb` files so that a damaged file cannot crash the program. Where the arguments name one, the program has a
+//! parent for that, in `parent`, and reads it at once. Elsewhere, in servers and for the files of a recipe, a child reads
+//! it first: this program with a hidden command, limited in memory and time. It writes a description, or a coarse copy of
+//! a large level set, to a pipe; any other grid is read again by this process.
 
 use super::context::Session;
 use super::failure::Failure;
 use crate::pipeline::RunOptions;
 use crate::vdb;
 use crate::vdb::subprocess::Program;
-use crate::vdb::{
-    Adopted, CoarseReading, Cubes, Exhausted, FileError, FileInfo, GridReading, subprocess,
-};
+use crate::vdb::{Adopted, CoarseReading, Cubes, FileError, FileInfo, GridReading, subprocess};
 use clap::{Args, ValueEnum};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -57,7 +56,7 @@ pub(super) fn answer(p: &Parameters, _: &Session) -> Result<super::output::Answe
                 threads: p.threads,
             });
             let probed = subprocess::probe(&p.file, p.grid.as_deref(), reading, limits);
-            probed.map_err(|e| Failure::from(e).ending_with(subprocess::EXIT_NO_COPY))?;
+            probed.map_err(|e| Failure::from(e).ending_with(vdb::limits::EXIT_NO_COPY))?;
             String::new()
         }
     };
@@ -93,16 +92,6 @@ pub(super) fn run_options(threads: usize, session: &Session) -> Result<RunOption
         isolated: Some(reader()?),
         ..RunOptions::default()
     })
-}
-
-/// Has the child end with exit codes of their own once memory or threads run out.
-pub(super) fn end_reader_on_exhaustion() {
-    for (cause, code) in [
-        (Exhausted::Memory, subprocess::EXIT_EXHAUSTED),
-        (Exhausted::Threads, subprocess::EXIT_NO_THREADS),
-    ] {
-        vdb::end_on_exhaustion(cause, "", "", code);
-    }
 }
 
 /// The contents of a file, read by a child.

@@ -170,6 +170,11 @@ mod bridge {
         /// Once memory (or threads) run out, writes `words` to stderr and `json` to stdout, and ends the process, as a
         /// program may and a library may not.
         fn end_on_exhaustion(is_of_threads: bool, words: &str, json: &str, code: i32);
+        /// Has the process end without these words and with other exit codes; codes of 0 restore them.
+        fn end_silently(memory_code: i32, threads_code: i32);
+        /// Forks the process: the number of the child in the parent, 0 in the child, and minus the number of the error
+        /// where the system refuses it. Of all threads the child has the calling one alone: before any other holds a lock.
+        fn fork_process() -> i32;
         /// An empty level set; world units.
         fn grid_new(voxel_size: f64, background: f32) -> Result<UniquePtr<Grid>>;
         fn grid_copy(grid: &Grid) -> Result<UniquePtr<Grid>>;

@@ -27,6 +27,11 @@ pub fn resident_memory() -> Option<u64> {
     status("VmRSS:")
 }
 
+/// Address space of the process, bytes; `None` if the system does not report it.
+pub(super) fn address_space() -> Option<u64> {
+    status("VmSize:")
+}
+
 fn status(key: &str) -> Option<u64> {
     let text = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = text.lines().find_map(|l| l.strip_prefix(key))?;

@@ -1,84 +1,29 @@
 //! A verdict on untrusted `.vdb` files by a child process with limits of memory and time.
 //!
-//! OpenVDB 10 crashed on 28 and ran out of memory on 75 of 2,400 corrupted files. The child reads a file just as its
-//! parent would. If the child fails, the parent returns one clear error and never opens the file; else the parent
-//! reads the file itself. Nothing is transferred but descriptions, and coarse copies of files too large for a view,
-//! which would otherwise be averaged twice.
+//! The child reads a file just as its parent would. If the child fails, the parent returns one clear error and never
+//! opens the file; else the parent reads the file itself. Nothing is transferred but descriptions, and coarse copies of
+//! files too large for a view, which would otherwise be averaged twice. A forked program needs no child: it has a
+//! parent for the case that it fails, and reads the file at once.
 //!
 //! A [`Program`] defines the command of the child. It is called with the file, the limits and the request,
 //! and must call [`report`] or [`probe`].
 
 use super::error::FileError;
 use super::file::{CoarseReading, FileInfo, info};
+use super::forked::Reading;
+pub use super::limits::Limits;
 use super::volume::Volume;
-use rustix::process::{
-    Resource, Rlimit, Signal, getrlimit, set_parent_process_death_signal, setrlimit,
-};
+use rustix::process::{Signal, set_parent_process_death_signal};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
 use std::fmt;
 use std::fs::File;
 use std::io::Read;
 use std::os::fd::AsRawFd;
-use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
-
-/// Exit code of a child that runs out of memory.
-pub(crate) const EXIT_EXHAUSTED: u8 = 71;
-/// Exit code of a child that cannot write a coarse copy.
-pub(crate) const EXIT_NO_COPY: u8 = 73;
-/// Exit code of a child that gets no thread, also before its own code runs.
-pub(crate) const EXIT_NO_THREADS: u8 = 74;
-
-/// Limits of the child.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Limits {
-    /// Address space in bytes.
-    pub memory: u64,
-    /// Time from start to end, milliseconds.
-    pub milliseconds: u64,
-}
-
-impl Limits {
-    /// The limits for an existing file.
-    fn for_file(path: &Path) -> Result<Self, FileError> {
-        let size = std::fs::metadata(path).map_err(|e| FileError::io(path, e))?;
-        Ok(Self::for_size(size.len()))
-    }
-
-    /// Applies the limits to this process.
-    fn impose(self) {
-        let limit = |resource, bytes| {
-            // Not above a limit that the process has already.
-            let bytes = getrlimit(resource)
-                .current
-                .map_or(bytes, |own| own.min(bytes));
-            let limit = Rlimit {
-                current: Some(bytes),
-                maximum: Some(bytes),
-            };
-            // If the system refuses, the parent's time limit still holds.
-            let _ = setrlimit(resource, limit);
-        };
-        limit(Resource::As, self.memory);
-        // A crash leaves no image of the memory on the disk.
-        limit(Resource::Core, 0);
-        // A killed parent keeps no time: the child ends with it.
-        let _ = set_parent_process_death_signal(Some(Signal::KILL));
-    }
-
-    /// Limits for a file of this size, well above what a sound one needs: 2 GiB plus 40 times its size, 10 s plus 1 s
-    /// per 20 MB.
-    pub fn for_size(bytes: u64) -> Self {
-        Self {
-            memory: (2 << 30) + bytes.saturating_mul(40),
-            milliseconds: 10_000 + bytes / 20_000,
-        }
-    }
-}
 
 /// The child's result.
 #[derive(Serialize, Deserialize)]
@@ -89,6 +34,35 @@ enum Report {
     Damaged(String),
     #[serde(rename = "errno")]
     Errno(i32),
+}
+
+impl Report {
+    /// Reads the whole file.
+    fn of(path: &Path) -> Self {
+        match info(path) {
+            Ok(info) => Self::Info(info),
+            Err(FileError::Io { source, .. }) if source.raw_os_error().is_some() => {
+                Self::Errno(source.raw_os_error().unwrap_or_default())
+            }
+            Err(FileError::Damaged { reason, .. }) => Self::Damaged(reason),
+            Err(other) => Self::Damaged(other.to_string()),
+        }
+    }
+
+    /// What the file holds, or its error.
+    fn info(self, path: &Path) -> Result<FileInfo, FileError> {
+        match self {
+            Self::Info(info) => Ok(info),
+            Self::Damaged(reason) => Err(FileError::Damaged {
+                path: path.to_owned(),
+                reason,
+            }),
+            Self::Errno(number) => Err(FileError::io(
+                path,
+                std::io::Error::from_raw_os_error(number),
+            )),
+        }
+    }
 }
 
 /// The program of the child, with the arguments that make it call [`report`] or [`probe`].
@@ -119,6 +93,9 @@ impl Program {
     /// the child fails.
     pub fn inspect(&self, path: &Path) -> Result<FileInfo, FileError> {
         let limits = Limits::for_file(path)?;
+        if let Some(_reading) = Reading::begin(path, limits) {
+            return Report::of(path).info(path);
+        }
         inspect(self.command(path, limits, &["info"]), path, limits)
     }
 
@@ -155,6 +132,9 @@ impl Program {
         reading: Option<CoarseReading>,
     ) -> Result<Volume, FileError> {
         let limits = Limits::for_file(path)?;
+        if let Some(_reading) = Reading::begin(path, limits) {
+            return Volume::open(path, name, reading)?.surveyed(path);
+        }
         let coarse = reading.map(|r| {
             let (voxels, threads) = (r.max_voxels, r.threads);
             [format!("--voxels={voxels}"), format!("--threads={threads}")]
@@ -223,16 +203,8 @@ impl fmt::Debug for PrefetchedGrid {
 /// Child: limits its memory, reads the whole file and describes the result as one line of JSON. Changes the
 /// limits of the process; only for a process that does nothing else.
 pub fn report(path: &Path, limits: Limits) -> String {
-    limits.impose();
-    let report = match info(path) {
-        Ok(info) => Report::Info(info),
-        Err(FileError::Io { source, .. }) if source.raw_os_error().is_some() => {
-            Report::Errno(source.raw_os_error().unwrap_or_default())
-        }
-        Err(FileError::Damaged { reason, .. }) => Report::Damaged(reason),
-        Err(other) => Report::Damaged(other.to_string()),
-    };
-    serde_json::to_string(&report).unwrap_or_default()
+    limit_child(limits);
+    serde_json::to_string(&Report::of(path)).unwrap_or_default()
 }
 
 /// Child: limits its memory and reads one grid of floats as [`Program::fetch`] will; with `reading`, a coarse copy that
@@ -247,7 +219,7 @@ pub fn probe(
     reading: Option<CoarseReading>,
     limits: Limits,
 ) -> Result<(), FileError> {
-    limits.impose();
+    limit_child(limits);
     match Volume::open(path, name, reading) {
         // A tag of the file alone makes no copy of it.
         Ok(volume) if reading.is_some() && volume.is_averaged() => {
@@ -255,6 +227,13 @@ pub fn probe(
         }
         _ => Ok(()),
     }
+}
+
+/// Child: limits its memory to the end, which comes with that of its parent.
+fn limit_child(limits: Limits) {
+    limits.impose();
+    // A killed parent keeps no time.
+    let _ = set_parent_process_death_signal(Some(Signal::KILL));
 }
 
 /// Parent: runs `child`, which must print [`report`] of the same path and limits; kills it at the time limit.
@@ -266,23 +245,13 @@ pub fn inspect(child: Command, path: &Path, limits: Limits) -> Result<FileInfo, 
     std::fs::metadata(path).map_err(|e| FileError::io(path, e))?;
     let text = run_child(child, path, limits, Stdio::piped())?;
     let line = text.lines().rev().find(|l| l.starts_with('{'));
-    let report = line
+    let report: Report = line
         .and_then(|l| serde_json::from_str(l).ok())
         .ok_or_else(|| FileError::Damaged {
             path: path.to_owned(),
             reason: "its reader failed: it wrote no report".into(),
         })?;
-    match report {
-        Report::Info(info) => Ok(info),
-        Report::Damaged(reason) => Err(FileError::Damaged {
-            path: path.to_owned(),
-            reason,
-        }),
-        Report::Errno(number) => Err(FileError::io(
-            path,
-            std::io::Error::from_raw_os_error(number),
-        )),
-    }
+    report.info(path)
 }
 
 /// Parent: starts the child, kills it at the time limit, and returns what it wrote if `out` is a pipe. A child that
@@ -295,10 +264,6 @@ fn run_child(
     out: Stdio,
 ) -> Result<String, FileError> {
     let io = |e| FileError::io(path, e);
-    let damaged = |reason: String| FileError::Damaged {
-        path: path.to_owned(),
-        reason,
-    };
     let mut running = child
         .stdin(Stdio::null())
         .stdout(out)
@@ -326,22 +291,9 @@ fn run_child(
     })
     .map_err(io)?;
     match status.map_err(io)? {
-        None => {
-            let seconds = limits.milliseconds as f64 / 1000.0;
-            Err(damaged(format!("reading it took more than {seconds} s")))
-        }
+        None => Err(limits.overtime(path)),
         Some(status) if status.success() => Ok(text.ok().and_then(Result::ok).unwrap_or_default()),
-        Some(status) if status.code() == Some(i32::from(EXIT_NO_THREADS)) => {
-            // The kind of error with which the system refuses a thread.
-            Err(io(std::io::ErrorKind::WouldBlock.into()))
-        }
-        Some(status) if status.code() == Some(i32::from(EXIT_NO_COPY)) => {
-            let full = std::io::ErrorKind::StorageFull;
-            Err(FileError::io(&std::env::temp_dir(), full.into()))
-        }
-        // The limit of this process, which the child has too, is less than what a sound file may need.
-        Some(_) if has_less_memory(limits) => Err(io(std::io::ErrorKind::OutOfMemory.into())),
-        Some(status) => Err(damaged(exit_reason(status, limits))),
+        Some(status) => Err(limits.error_of(status, path)),
     }
 }
 
@@ -358,24 +310,5 @@ fn wait(child: &mut Child, limit: Duration) -> std::io::Result<Option<ExitStatus
             return Ok(None);
         }
         std::thread::sleep(Duration::from_millis(5));
-    }
-}
-
-/// Whether the process may use less memory than the child.
-fn has_less_memory(limits: Limits) -> bool {
-    let own = getrlimit(Resource::As).current;
-    own.is_some_and(|bytes| bytes < limits.memory)
-}
-
-fn exit_reason(status: ExitStatus, limits: Limits) -> String {
-    if status.code() == Some(i32::from(EXIT_EXHAUSTED)) {
-        return format!("reading it needs more than {} MiB", limits.memory >> 20);
-    }
-    match status.signal() {
-        Some(signal) => format!(
-            "reading it ended the reader with signal {signal} (allowed: {} MiB)",
-            limits.memory >> 20
-        ),
-        None => format!("reading it ended the reader with {status}"),
     }
 }

@@ -11,6 +11,7 @@ mod hybrid;
 mod limits;
 mod live;
 mod meshes;
+mod parent;
 mod parts;
 mod portable;
 mod reports;

@@ -2,7 +2,7 @@
 //! can be allocated for them later.
 
 use super::{EXIT_IO, Failure};
-use crate::cli::context::Session;
+use crate::cli::context::{CLEAR_LINE, Session};
 use crate::cli::terminal;
 use crate::vdb::Exhausted;
 use std::io::ErrorKind;
@@ -13,8 +13,6 @@ const MEMORY_HINT: &str = "larger voxels, a run in bricks (--bricks N or --memor
 /// What helps where threads run out: their number is limited, and the memory of their stacks.
 pub(super) const THREADS_HINT: &str = "fewer --threads, or a higher limit of processes and threads (ulimit -u) or of \
                                        memory (ulimit -v)";
-/// Removes the progress bar from a terminal.
-const CLEAR_LINE: &str = "\r\x1b[2K";
 
 impl Failure {
     /// An allocation, or a thread, that the system refuses.

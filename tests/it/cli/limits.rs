@@ -1,5 +1,6 @@
 //! Limits of the process and the machine: memory, files, signals, folders. Each ends in one clear error.
 
+use super::parent::{child_of, send};
 use super::{BALL, FILES, Place, json, refuse, text};
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
@@ -22,8 +23,14 @@ fn run(place: &Place, limits: &str, arguments: &[&str]) -> Output {
     program.output().unwrap()
 }
 
-fn lattice() -> Place {
-    let place = Place::with(&format!("{BALL}{FILES}"));
+pub(super) fn lattice() -> Place {
+    lattice_of(0.4)
+}
+
+/// The files of a ball with these voxels.
+pub(super) fn lattice_of(voxel_size: f64) -> Place {
+    let ball = BALL.replace("0.4", &voxel_size.to_string());
+    let place = Place::with(&format!("{ball}{FILES}"));
     assert!(place.run(&["run", "r.toml"]).status.success());
     place
 }
@@ -269,7 +276,7 @@ fn a_filter_measures_the_same_for_each_kind_of_output() {
 }
 
 /// Waits until a process has worked and then used no processor time for half a second, however busy the machine is.
-fn wait_until_idle(id: u32) {
+pub(super) fn wait_until_idle(id: u32) {
     // Fields 14 and 15 of `stat`, user and system time in ticks; the name before them may hold spaces.
     let ticks = || -> Vec<u64> {
         let stat = fs::read_to_string(format!("/proc/{id}/stat")).unwrap();
@@ -297,7 +304,8 @@ fn wait_until_idle(id: u32) {
 
 #[test]
 fn one_signal_ends_a_run_that_waits_for_a_reader() {
-    let place = lattice();
+    // Of voxels that take some processor time.
+    let place = lattice_of(0.1);
     let made = Command::new("mkfifo")
         .arg(place.0.path().join("pipe.stl"))
         .status();
@@ -310,12 +318,9 @@ fn one_signal_ends_a_run_that_waits_for_a_reader() {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        wait_until_idle(child.id());
+        wait_until_idle(child_of(child.id()));
         assert!(child.try_wait().unwrap().is_none());
-        let kill = Command::new("kill")
-            .args([format!("-{signal}"), child.id().to_string()])
-            .status();
-        assert!(kill.unwrap().success());
+        send(signal, &child.id().to_string());
         let end = Instant::now() + Duration::from_secs(60);
         while child.try_wait().unwrap().is_none() {
             assert!(Instant::now() < end, "{signal} did not end it");

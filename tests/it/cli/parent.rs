@@ -1,0 +1,167 @@
+//! A program that reads a `.vdb` is the child of a process that waits for it: signals, ends, damaged files.
+
+use super::limits::{lattice_of, wait_until_idle};
+use super::{Place, json, text};
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::process::{Child, Command, Stdio};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// The program as the child of a process: it reads a `.vdb`. Waits for it.
+pub(super) fn child_of(parent: u32) -> u32 {
+    let path = format!("/proc/{parent}/task/{parent}/children");
+    let end = Instant::now() + Duration::from_secs(60);
+    loop {
+        let children = fs::read_to_string(&path).unwrap();
+        if let Some(id) = children.split_whitespace().next() {
+            return id.parse().unwrap();
+        }
+        assert!(Instant::now() < end, "process {parent} has no child");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Sends a signal to a process, or with a minus sign to a group of them.
+pub(super) fn send(signal: &str, id: &str) {
+    let kill = Command::new("kill")
+        .args([&format!("-{signal}"), "--", id])
+        .status();
+    assert!(kill.unwrap().success());
+}
+
+/// A long filter of a `.vdb`, in a group of its own, once it filters; and what it printed later.
+fn long_filter(place: &Place) -> (Child, JoinHandle<String>) {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_druse"))
+        .args(["filter", "a.vdb", "gaussian={width=3,iterations=1000}"])
+        .args(["-o", "f.vdb", "--progress=plain"])
+        .current_dir(&place.0)
+        .process_group(0)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    assert!(lines.any(|l| l.unwrap().starts_with("gaussian")));
+    let rest = std::thread::spawn(move || {
+        let lines: Vec<String> = lines.map(Result::unwrap).collect();
+        lines.join("\n")
+    });
+    (child, rest)
+}
+
+/// A program that reads a `.vdb` is the child of a process that passes signals on. One interrupt of a terminal reaches
+/// both, and is one all the same.
+#[test]
+fn signals_reach_a_program_with_a_parent_once() {
+    let place = lattice_of(0.04);
+    for (signal, code, is_of_group) in [
+        ("INT", 130, false),
+        ("TERM", 143, false),
+        ("INT", 130, true),
+    ] {
+        let (mut parent, rest) = long_filter(&place);
+        let id = parent.id();
+        let group = format!("-{id}");
+        send(signal, if is_of_group { &group } else { &group[1..] });
+        assert_eq!(parent.wait().unwrap().code(), Some(code));
+        let printed = rest.join().unwrap();
+        assert!(
+            printed.contains("nothing half-written remains"),
+            "{printed}"
+        );
+        assert!(!place.files().iter().any(|f| f.starts_with('f')));
+    }
+}
+
+/// The first interrupt waits for the work, which waits for a reader of the pipe; the second does not.
+#[test]
+fn a_second_interrupt_of_the_parent_ends_the_program_at_once() {
+    let place = lattice_of(0.1);
+    let pipe = place.0.path().join("pipe.stl");
+    assert!(Command::new("mkfifo").arg(pipe).status().unwrap().success());
+    let mut parent = Command::new(env!("CARGO_BIN_EXE_druse"))
+        .args(["mesh", "a.vdb", "-o", "pipe.stl"])
+        .current_dir(&place.0)
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let id = parent.id().to_string();
+    wait_until_idle(child_of(parent.id()));
+    send("INT", &id);
+    std::thread::sleep(Duration::from_millis(200));
+    assert!(parent.try_wait().unwrap().is_none());
+    send("INT", &id);
+    let output = parent.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130));
+    // Without the words that come after two seconds.
+    assert_eq!(text(&output.stderr), "");
+}
+
+/// Whether a process has ended, whoever is to bury it.
+fn has_ended(id: u32) -> bool {
+    fs::read_to_string(format!("/proc/{id}/stat"))
+        .ok()
+        .and_then(|s| Some(s.rsplit_once(')')?.1.trim_start().starts_with('Z')))
+        .unwrap_or(true)
+}
+
+#[test]
+fn a_killed_parent_takes_the_program_along_and_a_killed_program_its_parent() {
+    let place = lattice_of(0.04);
+    let (mut parent, rest) = long_filter(&place);
+    let program = child_of(parent.id());
+    parent.kill().unwrap();
+    parent.wait().unwrap();
+    let end = Instant::now() + Duration::from_secs(10);
+    while !has_ended(program) {
+        assert!(Instant::now() < end, "the program goes on");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    rest.join().unwrap();
+    let (mut parent, rest) = long_filter(&place);
+    send("KILL", &child_of(parent.id()).to_string());
+    assert_eq!(parent.wait().unwrap().signal(), Some(9));
+    assert_eq!(rest.join().unwrap(), "");
+}
+
+/// A damaged file may destroy the heap, which is noticed later.
+#[test]
+fn a_crash_after_a_file_was_read_is_the_error_of_the_file() {
+    let place = lattice_of(0.04);
+    for signal in ["ABRT", "ILL", "FPE"] {
+        let (mut parent, rest) = long_filter(&place);
+        send(signal, &child_of(parent.id()).to_string());
+        assert_eq!(parent.wait().unwrap().code(), Some(65));
+        let error = rest.join().unwrap();
+        let (first, second) = error.split_once('\n').unwrap();
+        assert!(
+            first.starts_with("error: ") && first.contains("crashed later"),
+            "{error}"
+        );
+        assert_eq!(second, "  --> a.vdb");
+    }
+}
+
+/// Of the libraries' own words nothing is shown.
+#[test]
+fn a_file_that_crashes_its_reader_is_one_error() {
+    let place = Place::new();
+    place.write("crash.vdb", include_bytes!("../../data/crash.vdb"));
+    for arguments in [
+        &["info", "crash.vdb"][..],
+        &["mesh", "crash.vdb", "-o", "m.stl"],
+        &["check", "crash.vdb", "--json"],
+    ] {
+        let output = place.run(arguments);
+        let error = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(65), "{error}");
+        assert!(error.starts_with("error: reading it "), "{error}");
+        assert_eq!(error.lines().count(), 2, "{error}");
+        if arguments.contains(&"--json") {
+            assert_eq!(json(&output)["file"], "crash.vdb");
+        }
+    }
+    assert_eq!(place.files(), ["crash.vdb"]);
+}
