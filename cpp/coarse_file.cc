@@ -338,6 +338,7 @@ std::unique_ptr<Grid> file_coarse(rust::Slice<const std::uint8_t> path, rust::St
     descriptor.seekToGrid(is);
     OpenReader::compression(is);
     grid->readMeta(is);
+    drop_mistyped_tags(*grid);
     grid->readTransform(is);
     io::setGridClass(is, GRID_LEVEL_SET);
     if (grid->getGridClass() != GRID_LEVEL_SET || !is_plain(grid->transform())) return nullptr;

@@ -34,6 +34,12 @@ rust::Vec<MetaEntry> entries(const MetaMap& map) {
 
 std::string text(rust::Str s) { return std::string(s.data(), s.size()); }
 
+// In place of one of any type.
+void put_tag(MetaMap& tags, rust::Str key, rust::Str value) {
+  tags.removeMeta(text(key));
+  tags.insertMeta(text(key), StringMetadata(text(value)));
+}
+
 // Exposes the writer for any stream: io::File::write reports success on a full disk.
 struct StreamArchive : io::Archive {
   void put(std::ostream& os, const GridCPtrVec& grids, const MetaMap& metadata) const {
@@ -42,6 +48,23 @@ struct StreamArchive : io::Archive {
 };
 
 }  // namespace
+
+void drop_mistyped_tags(MetaMap& tags) {
+  const std::string text = StringMetadata::staticTypeName(), flag = BoolMetadata::staticTypeName();
+  const std::string corner = Vec3IMetadata::staticTypeName(), count = Int64Metadata::staticTypeName();
+  const std::pair<const char*, const std::string&> known[] = {
+      {GridBase::META_GRID_CLASS, text},        {GridBase::META_GRID_CREATOR, text},
+      {GridBase::META_GRID_NAME, text},         {GridBase::META_VECTOR_TYPE, text},
+      {GridBase::META_FILE_COMPRESSION, text},  {GridBase::META_SAVE_HALF_FLOAT, flag},
+      {GridBase::META_IS_LOCAL_SPACE, flag},    {GridBase::META_FILE_BBOX_MIN, corner},
+      {GridBase::META_FILE_BBOX_MAX, corner},   {GridBase::META_FILE_MEM_BYTES, count},
+      {GridBase::META_FILE_VOXEL_COUNT, count},
+  };
+  for (const auto& [name, type] : known) {
+    const Metadata::ConstPtr tag = std::as_const(tags)[name];
+    if (tag && tag->typeName() != type) tags.removeMeta(name);
+  }
+}
 
 std::unique_ptr<FileIn> file_open(rust::Slice<const std::uint8_t> path, bool delayed) {
   auto in = std::make_unique<FileIn::Impl>(std::string(reinterpret_cast<const char*>(path.data()), path.size()));
@@ -65,6 +88,7 @@ rust::Vec<rust::String> FileIn::names() const {
 std::unique_ptr<Grid> file_read(FileIn& in, std::size_t index) {
   GridBase::Ptr grid = in.impl->file.readGrid(in.impl->names.at(index));
   if (!grid) throw std::runtime_error("the grid could not be read");
+  drop_mistyped_tags(*grid);
   return wrap(grid);
 }
 
@@ -94,11 +118,11 @@ std::size_t file_add(FileOut& out, const Grid& handle, rust::Str name, double sc
 const Grid& FileOut::grid(std::size_t index) const { return *impl->grids.at(index); }
 
 void file_tag(FileOut& out, rust::Str key, rust::Str value) {
-  out.impl->metadata.insertMeta(text(key), StringMetadata(text(value)));
+  put_tag(out.impl->metadata, key, value);
 }
 
 void file_tag_grid(FileOut& out, std::size_t index, rust::Str key, rust::Str value) {
-  out.impl->grids.at(index)->impl->base->insertMeta(text(key), StringMetadata(text(value)));
+  put_tag(*out.impl->grids.at(index)->impl->base, key, value);
 }
 
 std::int32_t file_write(const FileOut& out, std::int32_t descriptor, std::uint32_t compression, const Host& host) {

@@ -1,6 +1,6 @@
 //! A program that reads a `.vdb` is the child of a process that waits for it: signals, ends, damaged files.
 
-use super::limits::{lattice_of, wait_until_idle};
+use super::limits::{lattice, lattice_of, wait_until_idle};
 use super::{Place, json, text};
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -164,4 +164,38 @@ fn a_file_that_crashes_its_reader_is_one_error() {
         }
     }
     assert_eq!(place.files(), ["crash.vdb"]);
+}
+
+/// OpenVDB's own tags have its own types, or are none.
+#[test]
+fn tags_of_another_type_are_no_failure_of_openvdb() {
+    let place = lattice();
+    let whole = fs::read(place.0.path().join("a.vdb")).unwrap();
+    for name in [
+        "class",
+        "file_compression",
+        "file_bbox_min",
+        "druse.version",
+    ] {
+        let mut bytes = whole.clone();
+        // A name, the length of its type's name, and that name.
+        let mut found = 0;
+        for at in 0..bytes.len() - name.len() - 8 {
+            if bytes[at..].starts_with(name.as_bytes()) {
+                let first = at + name.len() + 4;
+                if [&b"string"[..], b"vec3i"]
+                    .iter()
+                    .any(|t| bytes[first..].starts_with(t))
+                {
+                    bytes[first] = b'x';
+                    found += 1;
+                }
+            }
+        }
+        assert!(found > 0, "{name}");
+        place.write("m.vdb", &bytes);
+        let output = place.run(&["filter", "m.vdb", "prune", "-o", "f.vdb"]);
+        let error = text(&output.stderr);
+        assert!(output.status.success(), "{name}: {error}");
+    }
 }
