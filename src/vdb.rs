@@ -347,15 +347,14 @@ impl LevelSet {
         {
             return bounds;
         }
-        for (n, &v) in leaf.values.iter().enumerate() {
-            if v < 0.0 && leaf.is_active(n) {
-                // A ball of radius |v| around an inside voxel is inside.
-                let p = self.transform.world(leaf.voxel(n)).0 + self.origin;
-                let r = f64::from(-v);
-                bounds = bounds.union(Aabb {
-                    min: p.add_scalar(-r),
-                    max: p.add_scalar(r),
-                });
+        // A ball of radius |v| around an inside voxel is inside. Along an axis the deepest voxel of a layer decides.
+        let depths = leaf.layer_depths();
+        for (axis, layers) in depths.iter().enumerate() {
+            for (n, &depth) in layers.iter().enumerate().filter(|l| *l.1 > 0.0) {
+                let voxel = leaf.voxel(n << [6, 3, 0][axis]);
+                let p = (self.transform.world(voxel).0 + self.origin)[axis];
+                bounds.min[axis] = bounds.min[axis].min(p - f64::from(depth));
+                bounds.max[axis] = bounds.max[axis].max(p + f64::from(depth));
             }
         }
         bounds

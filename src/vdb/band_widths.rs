@@ -4,7 +4,7 @@
 //! Operations would interpret the missing distances as a thin wall.
 
 use super::error::VdbError;
-use super::leaves::LeafView;
+use super::leaves::{LeafView, chosen, raise};
 use super::redistance::Rebuild;
 use super::{LevelSet, Session};
 use crate::band::Region;
@@ -72,29 +72,24 @@ impl LevelSet {
     }
 }
 
-/// Adds the values of a leaf to the extremes inside and outside. The first side is the inside. Rows that are active and
-/// of one side throughout, without flat voxels, take the fast way.
+/// Adds the values of a leaf to the extremes inside and outside. The first side is the inside.
 fn add_extremes(leaf: &LeafView<'_>, sides: &mut [SideExtremes; 2]) {
     let negative = voxel_mask::negative(leaf.values);
     let negative = negative.iter().flat_map(|word| word.to_le_bytes());
-    // Of rows that are active on one side: by side and z.
+    // By side and z.
     let mut greatest = [[0f32; 8]; 2];
     for (at, ((row, active), negative)) in leaf.rows().zip(negative).enumerate() {
-        sides[0].has_beyond |= negative & !active != 0;
-        sides[1].has_beyond |= !negative & !active != 0;
-        let side = usize::from(negative == 0);
-        if active == u8::MAX && (side == 1 || negative == u8::MAX) && !may_be_flat(leaf, at) {
-            for (greatest, v) in greatest[side].iter_mut().zip(row) {
-                *greatest = if v.abs() > *greatest {
-                    v.abs()
-                } else {
-                    *greatest
-                };
+        let sizes = row.map(f32::abs);
+        for (n, of_side) in [negative, !negative].into_iter().enumerate() {
+            sides[n].has_beyond |= of_side & !active != 0;
+            if of_side & active != 0 {
+                raise(&mut greatest[n], &chosen(&sizes, of_side & active, 0.0));
             }
-            continue;
         }
-        for n in (0..8).filter(|n| active >> n & 1 == 1) {
-            add_voxel(leaf, 8 * at + n, sides);
+        if active != 0 && may_be_flat(leaf, at) {
+            for n in (1..7).filter(|n| active >> n & 1 == 1) {
+                add_plateau(leaf, 8 * at + n, sides);
+            }
         }
     }
     for (side, greatest) in sides.iter_mut().zip(greatest) {
@@ -115,19 +110,12 @@ fn may_be_flat(leaf: &LeafView<'_>, row: usize) -> bool {
     (0..8).fold(false, |any, n| any | is_alike(n))
 }
 
-/// Adds an active voxel to the extremes inside and outside.
-fn add_voxel(leaf: &LeafView<'_>, n: usize, sides: &mut [SideExtremes; 2]) {
+/// Adds a voxel of an inner row, and not at its ends, to the plateau inside or outside if its neighbours have its value.
+fn add_plateau(leaf: &LeafView<'_>, n: usize, sides: &mut [SideExtremes; 2]) {
     let v = leaf.values[n];
     let side = &mut sides[usize::from(v >= 0.0)];
-    let size = v.abs();
-    side.active = side.active.max(size);
-    let is_inner = [n >> 6, n >> 3 & 7, n & 7]
-        .iter()
-        .all(|c| (1..7).contains(c));
-    if is_inner && size > side.plateau {
-        let is_alike = |stride: usize| leaf.values[n - stride] == v && leaf.values[n + stride] == v;
-        if [64, 8, 1].into_iter().all(is_alike) {
-            side.plateau = size;
-        }
+    let is_alike = |stride: usize| leaf.values[n - stride] == v && leaf.values[n + stride] == v;
+    if v.abs() > side.plateau && [64, 8, 1].into_iter().all(is_alike) {
+        side.plateau = v.abs();
     }
 }

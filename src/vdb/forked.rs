@@ -169,11 +169,10 @@ impl Reading {
         // One file at a time.
         let notices = NOTICES.get()?;
         let notices = notices.lock().unwrap_or_else(PoisonError::into_inner);
-        let limits = limits.beyond(address_space().unwrap_or(0));
         send(&notices, &Notice::Begins(path.into(), limits));
         Some(Self {
             notices,
-            limits: limits.impose(),
+            limits: limits.impose(address_space().unwrap_or(0)),
             stderr: silence_stderr().ok(),
         })
     }

@@ -22,6 +22,41 @@ pub struct LeafView<'a> {
     pub values: &'a [f32; 512],
 }
 
+/// By set of lanes of a row, bit z: all bits of those in it.
+static LANES: [[u32; 8]; 256] = {
+    let mut lanes = [[0; 8]; 256];
+    let mut n = 0;
+    while n < 8 * 256 {
+        if n >> 3 >> (n & 7) & 1 == 1 {
+            lanes[n >> 3][n & 7] = u32::MAX;
+        }
+        n += 1;
+    }
+    lanes
+};
+
+/// The values of a row in a set of its lanes, and another value in all others. Without a branch it is vectorised.
+pub(super) fn chosen(row: &[f32; 8], set: u8, other: f32) -> [f32; 8] {
+    let lanes = &LANES[usize::from(set)];
+    let mut found = [0.0; 8];
+    for n in 0..8 {
+        found[n] = f32::from_bits(row[n].to_bits() & lanes[n] | other.to_bits() & !lanes[n]);
+    }
+    found
+}
+
+/// The greater number, the first where one is NaN.
+fn greater(a: f32, b: f32) -> f32 {
+    if b > a { b } else { a }
+}
+
+/// Raises each number to that of a row, if that is greater.
+pub(super) fn raise(greatest: &mut [f32; 8], row: &[f32; 8]) {
+    for (greatest, v) in greatest.iter_mut().zip(row) {
+        *greatest = greater(*greatest, *v);
+    }
+}
+
 impl LeafView<'_> {
     /// The voxel at an offset.
     pub fn voxel(&self, offset: usize) -> Coord {
@@ -59,33 +94,44 @@ impl LeafView<'_> {
 
     /// The greatest of all values times `sign`, at least 0.
     pub(super) fn greatest(&self, sign: f32) -> f32 {
-        let higher = |a: f32, b: f32| if b > a { b } else { a };
         // Eight at a time, which processors compare at once.
         let mut lanes = [0.0; 8];
         for (row, _) in self.rows() {
-            for (greatest, v) in lanes.iter_mut().zip(row) {
-                *greatest = higher(*greatest, sign * v);
-            }
+            raise(&mut lanes, &row.map(|v| sign * v));
         }
-        lanes.into_iter().fold(0.0, higher)
+        lanes.into_iter().fold(0.0, greater)
+    }
+
+    /// The greatest depth below 0 of an active voxel in each layer along x, y and z; 0 without any.
+    pub(super) fn layer_depths(&self) -> [[f32; 8]; 3] {
+        // Of rows: by x or y, and by z.
+        let mut lanes = [[[0.0; 8]; 8]; 2];
+        for (n, (row, active)) in self.rows().enumerate() {
+            let depths = chosen(&row.map(|v| -v), active, 0.0);
+            raise(&mut lanes[0][n >> 3], &depths);
+            raise(&mut lanes[1][n & 7], &depths);
+        }
+        let mut along_z = [0.0; 8];
+        for row in &lanes[0] {
+            raise(&mut along_z, row);
+        }
+        let [along_x, along_y] = lanes.map(|l| l.map(|row| row.into_iter().fold(0.0, greater)));
+        [along_x, along_y, along_z]
     }
 
     /// The least and the greatest active value; `None` without any. No value is NaN.
     pub(super) fn active_range(&self) -> Option<[f32; 2]> {
-        let lower = |a: f32, b: f32| if b < a { b } else { a };
-        let higher = |a: f32, b: f32| if b > a { b } else { a };
-        let (mut low, mut high) = ([f32::INFINITY; 8], [f32::NEG_INFINITY; 8]);
+        let (mut low, mut high) = ([f32::NEG_INFINITY; 8], [f32::NEG_INFINITY; 8]);
         for (row, active) in self.rows().filter(|(_, active)| *active != 0) {
-            for n in 0..8 {
-                if active == u8::MAX || active >> n & 1 == 1 {
-                    low[n] = lower(low[n], row[n]);
-                    high[n] = higher(high[n], row[n]);
-                }
-            }
+            // Of the opposite values the greatest is the least.
+            raise(
+                &mut low,
+                &chosen(&row.map(|v| -v), active, f32::NEG_INFINITY),
+            );
+            raise(&mut high, &chosen(row, active, f32::NEG_INFINITY));
         }
-        let low = low.into_iter().fold(f32::INFINITY, lower);
-        let high = high.into_iter().fold(f32::NEG_INFINITY, higher);
-        (low <= high).then_some([low, high])
+        let [low, high] = [low, high].map(|l| l.into_iter().fold(f32::NEG_INFINITY, greater));
+        (-low <= high).then_some([-low, high])
     }
 }
 

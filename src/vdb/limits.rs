@@ -43,17 +43,9 @@ impl Limits {
         }
     }
 
-    /// The same for a process that has `used` bytes of address space before.
-    pub(super) fn beyond(self, used: u64) -> Self {
-        Self {
-            memory: self.memory.saturating_add(used),
-            ..self
-        }
-    }
-
-    /// Limits the memory of this process, and has it end without words where it runs out. The time is the parent's to
-    /// limit.
-    pub(super) fn impose(self) -> Imposed {
+    /// Limits the memory of this process beyond the `used` bytes of address space that it already has, and has it end
+    /// without words where it runs out. The time is the parent's to limit.
+    pub(super) fn impose(self, used: u64) -> Imposed {
         let lower = |resource, bytes: u64| {
             let own = getrlimit(resource);
             // Not above a limit that the process has already.
@@ -64,7 +56,7 @@ impl Limits {
         };
         end_silently();
         Imposed {
-            memory: lower(Resource::As, self.memory),
+            memory: lower(Resource::As, self.memory.saturating_add(used)),
             // A crash leaves no image of the memory on the disk.
             core: lower(Resource::Core, 0),
         }

@@ -231,7 +231,7 @@ pub fn probe(
 
 /// Child: limits its memory to the end, which comes with that of its parent.
 fn limit_child(limits: Limits) {
-    limits.impose();
+    limits.impose(0);
     // A killed parent keeps no time.
     let _ = set_parent_process_death_signal(Some(Signal::KILL));
 }

@@ -162,10 +162,13 @@ impl Slopes {
         if slopes.len() < MIN_SLOPE_VOXELS {
             return Ok(None);
         }
-        slopes.sort_unstable_by(f32::total_cmp);
         let last = (slopes.len() - 1) as f64;
-        let quantile = |share: f64| f64::from(slopes[(share * last) as usize]);
-        Ok(Some(Self([quantile(0.1), quantile(0.5), quantile(0.9)])))
+        // Each finds its place without an order of all others.
+        let quantiles = [0.1, 0.5, 0.9].map(|share| {
+            let place = (share * last) as usize;
+            f64::from(*slopes.select_nth_unstable_by(place, f32::total_cmp).1)
+        });
+        Ok(Some(Self(quantiles)))
     }
 
     /// The median slope.
@@ -180,19 +183,22 @@ impl Slopes {
     }
 }
 
+/// Bits of the inner voxels of a word: 8 y + z with y and z from 1 to 6.
+const INNER_BITS: u64 = 0x007e_7e7e_7e7e_7e00;
+
 /// Adds the slopes at inner voxels of a leaf that are, with their neighbours, active and below `limit`.
 fn add_slopes(leaf: &LeafView<'_>, limit: f32, slopes: &mut Vec<f32>) {
-    for n in 0..512usize {
-        let is_inner = [n >> 6, n >> 3 & 7, n & 7]
-            .iter()
-            .all(|c| (1..7).contains(c));
-        let is_usable = |n: usize| leaf.is_active(n) && leaf.values[n].abs() < limit;
-        if !is_inner || !is_usable(n) {
-            continue;
-        }
-        let strides = [64, 8, 1];
-        if strides.iter().all(|s| is_usable(n - s) && is_usable(n + s)) {
-            let square = strides.map(|s| (leaf.values[n + s] - leaf.values[n - s]).powi(2));
+    let below = voxel_mask::select(leaf.values, |v| v.abs() < limit);
+    let usable: Bits = std::array::from_fn(|x| below[x] & leaf.mask[x]);
+    for x in 1..7 {
+        let own = usable[x];
+        let along = own << 8 & own >> 8 & own << 1 & own >> 1;
+        let mut bits = own & along & usable[x - 1] & usable[x + 1] & INNER_BITS;
+        while bits != 0 {
+            let n = 64 * x + bits.trailing_zeros() as usize;
+            bits &= bits - 1;
+            let difference = |stride: usize| leaf.values[n + stride] - leaf.values[n - stride];
+            let square = [64, 8, 1].map(|stride| difference(stride).powi(2));
             slopes.push(square.iter().sum::<f32>().sqrt() / 2.0);
         }
     }
