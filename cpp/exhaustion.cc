@@ -114,7 +114,7 @@ void end_without_threads(bool is_json) {
         "{\"code\":74,\"message\":\"not enough threads: the system grants the program no more\",\"file\":null,"
         "\"line\":null,\"element\":null,\"hint\":\"a higher limit of processes and threads (ulimit -u)\"}\n");
   }
-  of_threads.exit_code = 74;  // EXIT_NO_THREADS of src/vdb/subprocess.rs
+  of_threads.exit_code = 74;  // EXIT_NO_THREADS of src/vdb/limits.rs
   std::set_terminate(end_or_abort);
 }
 

@@ -64,6 +64,8 @@ void drop_mistyped_tags(MetaMap& tags) {
     const Metadata::ConstPtr tag = std::as_const(tags)[name];
     if (tag && tag->typeName() != type) tags.removeMeta(name);
   }
+  // Sizes of the leaves in their file.
+  tags.removeMeta(GridBase::META_FILE_DELAYED_LOAD);
 }
 
 std::unique_ptr<FileIn> file_open(rust::Slice<const std::uint8_t> path, bool delayed) {

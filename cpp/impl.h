@@ -53,8 +53,8 @@ inline openvdb::FloatGrid& floats(Grid& grid) {
 // Whether a transform is only a uniform positive scale and a translation; in grid.cc.
 bool is_plain(const openvdb::math::Transform& transform);
 
-// Removes tags with names of OpenVDB's own and values of other types, as a damaged file may have: OpenVDB fails where it
-// sets such a tag.
+// Removes tags with names of OpenVDB's own and values of other types, as a damaged file may have: OpenVDB fails where
+// it sets such a tag. Removes the tag of delayed loading too, which no other file may have.
 void drop_mistyped_tags(openvdb::MetaMap& tags);
 
 // Checks for cancellation in Rust, at most every 20 ms and from any thread. Cancellation is permanent.

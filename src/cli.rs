@@ -18,7 +18,6 @@ use clap::{CommandFactory, Parser, Subcommand};
 use std::ffi::OsString;
 use std::io::Write;
 use std::panic::AssertUnwindSafe;
-use std::process::ExitCode;
 
 mod cell;
 mod cell_text;
@@ -104,8 +103,8 @@ macro_rules! commands {
         enum Command { $($(#[$meta])* $name($module::Parameters),)* }
 
         impl Command {
-            /// Whether a child of the process may be the program: not for a server, which has to outlive a file, nor for the
-            /// child that judges one.
+            /// Whether a child of the process may be the program: not for a server, which has to outlive a file, nor
+            /// for the child that judges one.
             fn may_fork(&self) -> bool {
                 !matches!(self, Self::View(_) | Self::InspectVdb(_))
             }
@@ -164,7 +163,7 @@ commands! {
     Completions => completions,
     /// Write the manual pages.
     Man => man,
-    /// Read a .vdb within limits and describe it on one line; `info` and `check` run this first.
+    /// Read a .vdb within limits and describe it on one line.
     #[command(hide = true)]
     InspectVdb => vdb,
 }
@@ -174,37 +173,38 @@ fn grammar() -> clap::Command {
     Cli::command()
 }
 
-/// Runs the program on its arguments (the first is its name), and ends the process with its exit code. Where they name a
-/// `.vdb`, a child of the process is the program, so that a damaged file ends the child alone.
-pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+/// Runs the program on its arguments (the first is its name), and ends the process with its exit code. Where they name
+/// a `.vdb`, a child of the process is the program, so that a damaged file ends the child alone.
+pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ! {
     let arguments: Vec<OsString> = arguments.into_iter().collect();
-    let code = run_process(&arguments, Way::Forked);
+    let run = || run_process(&arguments, Isolation::Fork);
+    let code = std::panic::catch_unwind(AssertUnwindSafe(run)).unwrap_or(failure::EXIT_BUG);
     let _ = std::io::stdout().flush();
-    // Not by returning it: exit handlers of libraries wait for their threads, which a forked process does not have.
+    // Without exit handlers: those of libraries wait for their threads, which a forked process does not have.
     signal_hook::low_level::exit(i32::from(code))
 }
 
-/// As [`main`], for a program that is not this process's executable, and without its end: `reader` starts it as the child
-/// that reads `.vdb` files.
+/// As [`main`], for a program that is not this process's executable, and without its end: `reader` starts it as the
+/// child that reads `.vdb` files.
 pub fn run_program(arguments: impl IntoIterator<Item = OsString>, reader: Option<Program>) -> u8 {
     if let Some(reader) = reader {
         vdb::set_reader(reader);
     }
     let arguments: Vec<OsString> = arguments.into_iter().collect();
-    run_process(&arguments, Way::Judged)
+    run_process(&arguments, Isolation::Verdict)
 }
 
 /// How a damaged `.vdb` is kept from ending the program.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Way {
-    /// The program is a child of this process.
-    Forked,
-    /// A child judges each file.
-    Judged,
+enum Isolation {
+    /// Where the arguments name one, the program is a child of this process; else as [`Isolation::Verdict`].
+    Fork,
+    /// A child reads each file first.
+    Verdict,
 }
 
 /// Parses the arguments, runs the command, and prints its answer or failure. Returns the exit code.
-fn run_process(arguments: &[OsString], way: Way) -> u8 {
+fn run_process(arguments: &[OsString], isolation: Isolation) -> u8 {
     let json = arguments.iter().any(|a| a == "--json");
     Failure::print_on_exhaustion(None);
     let cli = match Cli::try_parse_from(arguments) {
@@ -219,20 +219,20 @@ fn run_process(arguments: &[OsString], way: Way) -> u8 {
         }
     };
     let command = cli.command;
-    let role =
-        if way == Way::Forked && command.may_fork() && arguments.iter().any(parent::is_volume) {
-            parent::split()
-        } else {
-            Role::Alone
-        };
+    let may_fork = isolation == Isolation::Fork && command.may_fork();
+    let role = if may_fork && arguments.iter().any(parent::is_volume) {
+        parent::split()
+    } else {
+        Role::Alone
+    };
     let relay = match role {
         Role::Alone => None,
         Role::Child(relay) => Some(relay),
         Role::Parent(parent) => {
-            return parent.wait().unwrap_or_else(|fault| {
+            return parent.wait().unwrap_or_else(|failure| {
                 let session = Session::new(cli.options, None);
                 session.clear_bar();
-                Failure::from(fault).print(&session)
+                failure.print(&session)
             });
         }
     };

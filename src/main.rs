@@ -1,5 +1,5 @@
 //! The `druse` program: parse, run, exit code.
 
-fn main() -> std::process::ExitCode {
+fn main() {
     druse::cli::main(std::env::args_os())
 }

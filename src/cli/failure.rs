@@ -22,7 +22,7 @@ mod exhausted;
 pub(super) const USAGE: u8 = 2;
 const EXIT_DATA: u8 = 65;
 const EXIT_NO_INPUT: u8 = 66;
-const EXIT_BUG: u8 = 70;
+pub(super) const EXIT_BUG: u8 = 70;
 const EXIT_CREATE: u8 = 73;
 const EXIT_IO: u8 = 74;
 const EXIT_RESUMABLE: u8 = 75;

@@ -1,5 +1,4 @@
-//! `druse info FILE`: a summary of any file that Druse reads, as text and as an object. Grids of a `.vdb` are
-//! inspected in a child process; the file is not changed.
+//! `druse info FILE`: a summary of any file that Druse reads, as text and as an object. The file is not changed.
 
 use super::context::Session;
 use super::failure::Failure;

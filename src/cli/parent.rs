@@ -1,13 +1,16 @@
-//! The parent of a program that reads `.vdb` files: it passes signals and the exit code on, and has the words for a file
-//! that ends the program while it is read.
+//! The parent of a program that reads `.vdb` files.
+//!
+//! It passes signals and the exit code on, and has the words for a file that ends the program.
 
-use super::signals::{Relay, is_ignored};
-use crate::vdb::FileError;
+use super::failure::Failure;
+use super::signals::{PASSED_ON, Relay, is_ignored};
+use crate::io::ReadError;
 use crate::vdb::forked::{ForkedProgram, fork};
+use rustix::io::Errno;
 use rustix::process::{
     Resource, Rlimit, Signal, WaitOptions, getrlimit, kill_process, setrlimit, waitpid,
 };
-use signal_hook::consts::{SIGCHLD, SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGCHLD, SIGHUP};
 use signal_hook::{flag, low_level};
 use std::ffi::OsString;
 use std::io::Write;
@@ -15,10 +18,8 @@ use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 use std::process::ExitStatus;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-
-/// Signals that a parent passes on; those of limits reach the program itself.
-const PASSED_ON: [i32; 3] = [SIGINT, SIGTERM, SIGHUP];
+use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering::Relaxed;
 
 /// What a process is after [`split`].
 pub(super) enum Role {
@@ -47,11 +48,14 @@ pub(super) fn is_volume(argument: &OsString) -> bool {
     is_named_so && path.is_file()
 }
 
-/// Forks the program, before it starts any thread. Where the system refuses it, a child judges each file instead.
+/// Forks the program, before it starts a thread of its own: those of libraries are idle. Where the system refuses it, a
+/// child judges each file instead.
 pub(super) fn split() -> Role {
     let Ok(relay) = Relay::new() else {
         return Role::Alone;
     };
+    // A process that was started with this signal ignored would not learn how its child ended.
+    let _ = flag::register(SIGCHLD, Arc::default());
     match fork() {
         Ok(None) => Role::Child(relay),
         Ok(Some(program)) => Role::Parent(Parent { program, relay }),
@@ -63,28 +67,40 @@ impl Parent {
     /// Waits for the end of the program, and returns its exit code. A signal that ended it ends this process too.
     ///
     /// # Errors
-    /// The file during whose reading the program ended.
-    pub(super) fn wait(mut self) -> Result<u8, FileError> {
-        let received = self.listen();
+    /// The error of the file that ended the program.
+    pub(super) fn wait(mut self) -> Result<u8, Failure> {
+        let received = self.register_handlers();
+        let mut count = 0;
         let status = loop {
-            self.program.listen();
-            for (signal, is_received) in &received {
-                if is_received.swap(false, Ordering::Relaxed) {
-                    let _ = self.relay.sender.write_all(&[*signal as u8]);
+            for (signal, _) in received.iter().filter(|r| r.1.swap(false, Relaxed)) {
+                let _ = self.relay.sender.write_all(&[*signal as u8]);
+                count += 1;
+                // The program may have got no thread that receives it.
+                if count > 1
+                    && let Some(signal) = Signal::from_named_raw(*signal)
+                {
+                    let _ = kill_process(self.program.pid, signal);
                 }
             }
-            if let Some(status) = self.status(WaitOptions::NOHANG) {
-                break status;
+            match waitpid(Some(self.program.pid), WaitOptions::NOHANG) {
+                Ok(None) | Err(Errno::INTR) => {}
+                Ok(Some((_, status))) => break ExitStatus::from_raw(status.as_raw()),
+                Err(e) => return Err(ReadError::io(Path::new("the program"), e.into()).into()),
             }
             if let Some(error) = self.program.overtime() {
                 let _ = kill_process(self.program.pid, Signal::KILL);
-                self.status(WaitOptions::empty());
-                return Err(error);
+                return Err(error.into());
             }
+            self.program.wait_for_notice();
         };
-        self.program.catch_up();
+        // What it sent before its end.
+        self.program.take_notices();
         if let Some(error) = self.program.fault(status) {
-            return Err(error);
+            return Err(error.into());
+        }
+        // A sound file is not at fault.
+        for path in self.program.suspects(status) {
+            super::vdb::inspect(Path::new(path))?;
         }
         if let Some(signal) = status.signal() {
             end_by(signal);
@@ -93,12 +109,13 @@ impl Parent {
         Ok(status.code().unwrap_or_default() as u8)
     }
 
-    /// Notes the signals to pass on, and the end of the program.
-    fn listen(&self) -> Vec<(i32, Arc<AtomicBool>)> {
-        // `nohup` keeps both alive.
-        let kept = |signal: &i32| *signal != SIGHUP || !is_ignored(SIGHUP);
-        let passed_on = PASSED_ON.into_iter().filter(kept);
-        let received: Vec<_> = passed_on.map(|s| (s, Arc::default())).collect();
+    /// Has the signals to pass on noted, each in its flag, and the wait for notices end by them and by the end of the
+    /// program.
+    fn register_handlers(&self) -> Vec<(i32, Arc<AtomicBool>)> {
+        // One that `nohup` has the program ignore is no signal to pass on.
+        let is_heard = |signal: &i32| *signal != SIGHUP || !is_ignored(SIGHUP);
+        let heard = PASSED_ON.into_iter().filter(is_heard);
+        let received: Vec<_> = heard.map(|s| (s, Arc::default())).collect();
         for (signal, is_received) in &received {
             let _ = flag::register(*signal, Arc::clone(is_received));
         }
@@ -109,16 +126,10 @@ impl Parent {
         }
         received
     }
-
-    /// How the program has ended; `None` while it runs.
-    fn status(&self, options: WaitOptions) -> Option<ExitStatus> {
-        let ended = waitpid(Some(self.program.pid), options).ok().flatten();
-        ended.map(|(_, status)| ExitStatus::from_raw(status.as_raw()))
-    }
 }
 
-/// Ends this process by the signal that ended its child, which has left the image of the memory. Returns where that is
-/// no signal that ends a process by its name.
+/// Ends this process by the signal that ended its child, without an image of the memory, which the child has left.
+/// Returns for signals without a name, such as those of real time.
 fn end_by(signal: i32) {
     let none = Rlimit {
         current: Some(0),

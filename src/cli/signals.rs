@@ -24,10 +24,10 @@ const FAREWELL_TIME: Duration = Duration::from_millis(500);
 /// Stack of the thread that waits for signals, bytes.
 const STACK_BYTES: usize = 1 << 18;
 
-/// What a handler of a signal writes into a [`Relay`]; a parent writes the number of the signal.
-const HANDLED: u8 = b'X';
+/// Signals that a parent passes on; those of limits reach the program itself.
+pub(super) const PASSED_ON: [i32; 3] = [SIGINT, SIGTERM, SIGHUP];
 
-/// The way of signals into a program: from its own handlers, and from its parent.
+/// The way of signals into a program: bytes of its own handlers, and numbers of signals that its parent passes on.
 pub(super) struct Relay {
     pub(super) sender: UnixStream,
     receiver: UnixStream,
@@ -40,6 +40,8 @@ impl Relay {
     /// The process may open no more files.
     pub(super) fn new() -> std::io::Result<Self> {
         let (receiver, sender) = UnixStream::pair()?;
+        // A program that is stopped receives nothing; its parent does not wait for it.
+        sender.set_nonblocking(true)?;
         Ok(Self { sender, receiver })
     }
 }
@@ -90,7 +92,7 @@ impl Signals {
         }
         if let Some(relay) = relay {
             let own = signals.clone();
-            // Without a thread a second signal is needed.
+            // Without a thread a second signal is needed, from a parent a third.
             let _ = std::thread::Builder::new()
                 .name("signals".into())
                 .stack_size(STACK_BYTES)
@@ -117,7 +119,7 @@ impl Signals {
         loop {
             let is_idle = match receiver.read_exact(&mut byte) {
                 // A second of the parent ends the program as a second of its own does.
-                Ok(()) if byte != [HANDLED] => {
+                Ok(()) if PASSED_ON.contains(&byte[0].into()) => {
                     passed_on += 1;
                     if passed_on > 1 {
                         low_level::exit(128 + i32::from(byte[0]));

@@ -1,7 +1,9 @@
-//! Opening `.vdb` files so that a damaged file cannot crash the program. Where the arguments name one, the program has a
-//! parent for that, in `parent`, and reads it at once. Elsewhere, in servers and for the files of a recipe, a child reads
-//! it first: this program with a hidden command, limited in memory and time. It writes a description, or a coarse copy of
-//! a large level set, to a pipe; any other grid is read again by this process.
+//! Opening `.vdb` files so that a damaged file cannot crash the program.
+//!
+//! Where the arguments name one, the program has a parent for that, in `parent`, and reads it at once. Elsewhere, in
+//! servers and for the files of a recipe, a reader reads it first: this program with a hidden command, limited in memory
+//! and time. It writes a description, or a coarse copy of a large level set, to a pipe; any other grid is read again by
+//! this process.
 
 use super::context::Session;
 use super::failure::Failure;
@@ -14,10 +16,10 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-/// Name of the hidden command that the child runs.
+/// Name of the hidden command that the reader runs.
 pub(super) const CHILD: &str = "inspect-vdb";
 
-// Arguments of the child, in bytes and milliseconds; users do not see them.
+// Arguments of the reader, in bytes and milliseconds; users do not see them.
 #[derive(Args)]
 pub(super) struct Parameters {
     file: PathBuf,
@@ -33,7 +35,7 @@ pub(super) struct Parameters {
     threads: usize,
 }
 
-/// What a child reads.
+/// What a reader reads.
 #[derive(Clone, Copy, ValueEnum)]
 enum Requested {
     /// A description of the whole file.
@@ -42,7 +44,7 @@ enum Requested {
     Grid,
 }
 
-/// Runs in the child: reads the file and writes a description, or a coarse copy, to stdout.
+/// Runs in the reader: reads the file and writes a description, or a coarse copy, to stdout.
 pub(super) fn answer(p: &Parameters, _: &Session) -> Result<super::output::Answer, Failure> {
     let limits = subprocess::Limits {
         memory: p.memory,
@@ -63,15 +65,15 @@ pub(super) fn answer(p: &Parameters, _: &Session) -> Result<super::output::Answe
     Ok(super::output::Answer::new(line, serde_json::Value::Null))
 }
 
-/// The program of the child, where it is not this process's executable.
+/// The program of the reader, where it is not this process's executable.
 static READER: OnceLock<Program> = OnceLock::new();
 
-/// Sets the program of the child, once for the process.
+/// Sets the program of the reader, once for the process.
 pub(super) fn set_reader(program: Program) {
     let _ = READER.set(program);
 }
 
-/// The command that starts this program as the child.
+/// The command that starts this program as the reader.
 pub(super) fn reader() -> Result<Program, Failure> {
     if let Some(program) = READER.get() {
         return Ok(program.clone());
@@ -84,7 +86,7 @@ pub(super) fn reader() -> Result<Program, Failure> {
     })
 }
 
-/// Options of a run that reads `.vdb` files by the child.
+/// Options of a run whose `.vdb` files have a reader.
 pub(super) fn run_options(threads: usize, session: &Session) -> Result<RunOptions, Failure> {
     Ok(RunOptions {
         threads,
@@ -94,13 +96,13 @@ pub(super) fn run_options(threads: usize, session: &Session) -> Result<RunOption
     })
 }
 
-/// The contents of a file, read by a child.
+/// The contents of a file.
 pub(super) fn inspect(path: &Path) -> Result<FileInfo, Failure> {
     Ok(reader()?.inspect(path)?)
 }
 
-/// The level set of a file and its notes, read by a child: the grid `name`, else `surface` or the only one. A fog volume
-/// gives its surface; voxels that are not cubes are resampled onto cubes.
+/// The level set of a file and its notes: the grid `name`, else `surface` or the only one. A fog volume gives its
+/// surface; voxels that are not cubes are resampled onto cubes.
 pub(super) fn level_set(
     path: &Path,
     name: Option<&str>,
@@ -135,7 +137,7 @@ pub(super) fn unchecked(
     }
 }
 
-/// Inspects the voxel source of a cell in a child, if it is a `.vdb`.
+/// Inspects the voxel source of a cell, if it is a `.vdb`.
 pub(super) fn inspect_voxels(path: &Path) -> Result<(), Failure> {
     let is_vdb = path
         .extension()

@@ -110,7 +110,8 @@ fn may_be_flat(leaf: &LeafView<'_>, row: usize) -> bool {
     (0..8).fold(false, |any, n| any | is_alike(n))
 }
 
-/// Adds a voxel of an inner row, and not at its ends, to the plateau inside or outside if its neighbours have its value.
+/// Adds a voxel of an inner row to the plateau inside or outside, if its neighbours have its value. It lies between the
+/// ends of the row.
 fn add_plateau(leaf: &LeafView<'_>, n: usize, sides: &mut [SideExtremes; 2]) {
     let v = leaf.values[n];
     let side = &mut sides[usize::from(v >= 0.0)];

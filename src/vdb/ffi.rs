@@ -173,7 +173,7 @@ mod bridge {
         /// Has the process end without these words and with other exit codes; codes of 0 restore them.
         fn end_silently(memory_code: i32, threads_code: i32);
         /// Forks the process: the number of the child in the parent, 0 in the child, and minus the number of the error
-        /// where the system refuses it. Of all threads the child has the calling one alone: before any other holds a lock.
+        /// where the system refuses it. The child has the calling thread alone: no other may hold a lock that it needs.
         fn fork_process() -> i32;
         /// An empty level set; world units.
         fn grid_new(voxel_size: f64, background: f32) -> Result<UniquePtr<Grid>>;

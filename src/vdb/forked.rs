@@ -1,7 +1,7 @@
 //! A program that reads untrusted `.vdb` files as the child of a process that only waits for it.
 //!
-//! The child tells its parent which file it reads, by [`Reading`], and has limits of memory and time meanwhile. If it
-//! ends then, or crashes later, the file is at fault: [`ForkedProgram::fault`] is the one clear error. Nothing is read twice.
+//! The child sends its parent a notice of each file that it reads, by [`Reading`], and has limits of memory and time
+//! meanwhile. If it ends then, the file is at fault: [`ForkedProgram::fault`] is the one clear error.
 
 use super::error::FileError;
 use super::ffi;
@@ -35,6 +35,9 @@ const CRASHES: [i32; 5] = [
     Signal::SEGV.as_raw(),
 ];
 
+/// Longest wait for a notice. A parent whose handlers of signals fail sees the end of its child that much later.
+const LONGEST_WAIT: Duration = Duration::from_secs(1);
+
 /// What the child sends its parent.
 #[derive(Serialize, Deserialize)]
 enum Notice {
@@ -53,14 +56,22 @@ pub(crate) struct ForkedProgram {
     pub pid: Pid,
     notices: UnixDatagram,
     waker: UnixDatagram,
-    /// The file that it reads, since when, and its limits.
-    reading: Option<(OsString, Instant, Limits)>,
-    /// The last file that it has read.
-    has_read: Option<OsString>,
+    /// The file that it reads.
+    current: Option<CurrentFile>,
+    /// The files that it has read.
+    has_read: Vec<OsString>,
 }
 
-/// Forks the process: `None` in the child, which is the program from then on and ends with its parent. Of all threads it
-/// has the calling one alone.
+/// A file that is being read.
+struct CurrentFile {
+    path: OsString,
+    limits: Limits,
+    /// Time of its reading, without the time for which the processes were stopped.
+    spent: Duration,
+}
+
+/// Forks the process: `None` in the child, which is the program from then on and ends with its parent. It has the calling
+/// thread alone.
 ///
 /// # Errors
 /// The system refuses another process, or a socket.
@@ -79,19 +90,24 @@ pub(crate) fn fork() -> io::Result<Option<ForkedProgram>> {
         }
         number => {
             let pid = Pid::from_raw(number).filter(|_| number > 0);
-            Ok(Some(ForkedProgram {
-                pid: pid.ok_or_else(|| io::Error::from_raw_os_error(-number))?,
-                notices,
-                waker,
-                reading: None,
-                has_read: None,
-            }))
+            let pid = pid.ok_or_else(|| io::Error::from_raw_os_error(-number))?;
+            Ok(Some(ForkedProgram::new(pid, notices, waker)))
         }
     }
 }
 
 impl ForkedProgram {
-    /// A socket that ends [`ForkedProgram::listen`] by any byte, for handlers of signals.
+    fn new(pid: Pid, notices: UnixDatagram, waker: UnixDatagram) -> Self {
+        Self {
+            pid,
+            notices,
+            waker,
+            current: None,
+            has_read: Vec::new(),
+        }
+    }
+
+    /// A socket for handlers of signals: any byte ends a wait for notices.
     ///
     /// # Errors
     /// The process may open no more files.
@@ -99,18 +115,23 @@ impl ForkedProgram {
         self.waker.try_clone()
     }
 
-    /// Receives one notice, or a byte of a handler. Waits until there is one, or until the limit of time.
-    pub fn listen(&mut self) {
-        // A wait of no time would be one without an end.
-        let left = self.time_left().map(|t| t.max(Duration::from_millis(1)));
-        let _ = self.notices.set_read_timeout(left);
+    /// Waits for a notice or a byte of a handler, at most for [`LONGEST_WAIT`].
+    pub fn wait_for_notice(&mut self) {
+        let start = Instant::now();
+        let _ = self.notices.set_read_timeout(Some(LONGEST_WAIT));
         self.receive();
+        if let Some(current) = &mut self.current {
+            // A longer wait is the time for which a terminal stopped both processes.
+            current.spent += start.elapsed().min(LONGEST_WAIT);
+        }
+        self.take_notices();
     }
 
-    /// Receives the notices that have been sent.
-    pub fn catch_up(&mut self) {
+    /// Takes the notices that have come.
+    pub fn take_notices(&mut self) {
         let _ = self.notices.set_nonblocking(true);
         while self.receive() {}
+        let _ = self.notices.set_nonblocking(false);
     }
 
     /// Whether there was something to receive.
@@ -120,43 +141,48 @@ impl ForkedProgram {
             return false;
         };
         match serde_json::from_slice(&bytes[..count]) {
-            Ok(Notice::Begins(path, limits)) => self.reading = Some((path, Instant::now(), limits)),
-            Ok(Notice::Ends) => self.has_read = self.reading.take().map(|r| r.0),
+            Ok(Notice::Begins(path, limits)) => {
+                self.current = Some(CurrentFile {
+                    path,
+                    limits,
+                    spent: Duration::ZERO,
+                });
+            }
+            Ok(Notice::Ends) => self.has_read.extend(self.current.take().map(|c| c.path)),
             // A byte of a handler.
             Err(_) => {}
         }
         true
     }
 
-    /// The time that the program may go on reading; `None` while it reads nothing.
-    fn time_left(&self) -> Option<Duration> {
-        let (_, start, limits) = self.reading.as_ref()?;
-        Some(Duration::from_millis(limits.milliseconds).saturating_sub(start.elapsed()))
-    }
-
     /// The error of the file that the program has been reading for too long.
     pub fn overtime(&self) -> Option<FileError> {
-        let (path, _, limits) = self.reading.as_ref()?;
-        let is_over = self.time_left().is_some_and(|t| t.is_zero());
-        is_over.then(|| limits.overtime(Path::new(path)))
+        let current = self.current.as_ref()?;
+        let is_over = current.spent >= Duration::from_millis(current.limits.milliseconds);
+        is_over.then(|| current.limits.overtime(Path::new(&current.path)))
     }
 
-    /// The error of the file that the program was reading when it ended so, or had read before it crashed: a damaged one
-    /// may destroy the heap without being noticed at once. `None` if the program ended for another reason.
+    /// The error of the file that the program was reading when it ended so; `None` if it ended for another reason.
     pub fn fault(&self, status: ExitStatus) -> Option<FileError> {
-        if let Some((path, _, limits)) = &self.reading {
-            return limits.error_of_reading(status, Path::new(path));
+        let current = self.current.as_ref()?;
+        current
+            .limits
+            .error_of_reading(status, Path::new(&current.path))
+    }
+
+    /// The files that a program has read before it crashed; empty after any other end. A damaged file may destroy the
+    /// heap, which is noticed later.
+    pub fn suspects(&self, status: ExitStatus) -> &[OsString] {
+        if status.signal().is_some_and(|s| CRASHES.contains(&s)) {
+            &self.has_read
+        } else {
+            &[]
         }
-        let signal = status.signal().filter(|s| CRASHES.contains(s))?;
-        Some(FileError::Damaged {
-            path: self.has_read.as_ref()?.into(),
-            reason: format!("the program that read it crashed later, with signal {signal}"),
-        })
     }
 }
 
-/// A file that a forked program reads: from the first notice to the second. The C library prints nothing meanwhile, when
-/// it finds the heap destroyed.
+/// A file that a forked program reads: from the first notice to the second. Where the C library finds the heap destroyed
+/// meanwhile, it prints nothing.
 pub(super) struct Reading {
     notices: MutexGuard<'static, UnixDatagram>,
     limits: Imposed,
@@ -172,7 +198,7 @@ impl Reading {
         send(&notices, &Notice::Begins(path.into(), limits));
         Some(Self {
             notices,
-            limits: limits.impose(address_space().unwrap_or(0)),
+            limits: limits.impose(address_space().unwrap_or(u64::MAX)),
             stderr: silence_stderr().ok(),
         })
     }
@@ -180,10 +206,10 @@ impl Reading {
 
 impl Drop for Reading {
     fn drop(&mut self) {
-        self.limits.lift();
         if let Some(stderr) = &self.stderr {
             let _ = dup2_stderr(stderr);
         }
+        self.limits.lift();
         send(&self.notices, &Notice::Ends);
     }
 }
@@ -198,4 +224,62 @@ fn silence_stderr() -> io::Result<OwnedFd> {
 /// A parent that does not receive has ended, and its child with it.
 fn send(notices: &UnixDatagram, notice: &Notice) {
     let _ = notices.send(&serde_json::to_vec(notice).unwrap_or_default());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A program of which only the notices exist, and its end of them.
+    fn program() -> (ForkedProgram, UnixDatagram) {
+        let (notices, waker) = UnixDatagram::pair().unwrap();
+        let sender = waker.try_clone().unwrap();
+        (ForkedProgram::new(getpid(), notices, waker), sender)
+    }
+
+    #[test]
+    fn the_end_of_a_reader_is_the_error_of_its_file() {
+        let (mut program, sender) = program();
+        let limits = Limits::for_size(100);
+        let by_signal = ExitStatus::from_raw(11);
+        let by_code = |code: i32| ExitStatus::from_raw(code << 8);
+        assert!(program.fault(by_signal).is_none());
+        send(&sender, &Notice::Begins("a.vdb".into(), limits));
+        program.take_notices();
+        for (status, words) in [
+            (by_signal, "ended the reader with signal 11"),
+            (by_code(71), "needs more than 2048 MiB"),
+            (by_code(74), "a.vdb"),
+        ] {
+            let error = program.fault(status).unwrap().to_string();
+            assert!(error.contains(words), "{error}");
+        }
+        // The program's own ends, such as that by a second interrupt.
+        assert!(program.fault(by_code(130)).is_none() && program.fault(by_code(65)).is_none());
+        assert!(program.suspects(by_signal).is_empty());
+        send(&sender, &Notice::Ends);
+        program.take_notices();
+        assert!(program.fault(by_signal).is_none());
+        assert_eq!(program.suspects(by_signal), ["a.vdb"]);
+        assert!(program.suspects(ExitStatus::from_raw(9)).is_empty());
+    }
+
+    #[test]
+    fn a_reader_has_its_time_and_no_more() {
+        let (mut program, sender) = program();
+        let limits = Limits {
+            milliseconds: 1500,
+            ..Limits::for_size(100)
+        };
+        send(&sender, &Notice::Begins("a.vdb".into(), limits));
+        program.take_notices();
+        program.wait_for_notice();
+        assert!(program.overtime().is_none());
+        program.wait_for_notice();
+        let error = program.overtime().unwrap().to_string();
+        assert!(error.contains("took more than 1.5 s"), "{error}");
+        send(&sender, &Notice::Ends);
+        program.take_notices();
+        assert!(program.overtime().is_none());
+    }
 }

@@ -22,7 +22,7 @@ pub struct LeafView<'a> {
     pub values: &'a [f32; 512],
 }
 
-/// By set of lanes of a row, bit z: all bits of those in it.
+/// Masks of the values of a row: in number `set`, lane z has all bits if bit z of `set` is 1, else none.
 static LANES: [[u32; 8]; 256] = {
     let mut lanes = [[0; 8]; 256];
     let mut n = 0;
@@ -270,4 +270,55 @@ pub(super) fn tiles_of(
         .collect();
     tiles.sort_by_key(|t| (t.origin, t.edge));
     Ok(tiles)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Values of all kinds.
+    fn value() -> impl Strategy<Value = f32> {
+        prop_oneof![
+            8 => -3f32..3.0,
+            1 => prop::sample::select(vec![0.0, -0.0, f32::INFINITY, f32::NEG_INFINITY, f32::NAN]),
+        ]
+    }
+
+    proptest! {
+        /// Voxel by voxel.
+        #[test]
+        fn depths_of_layers_are_those_of_their_voxels(
+            values in prop::collection::vec(value(), 512),
+            mask in any::<[u64; 8]>(),
+            none in any::<u8>(),
+        ) {
+            let values: [f32; 512] = values.try_into().unwrap();
+            // Some layers without an active voxel.
+            let mask = std::array::from_fn(|x| if none >> x & 1 == 1 { 0 } else { mask[x] });
+            let leaf = LeafView { origin: Coord([0; 3]), mask, values: &values };
+            let mut expected = [[0f32; 8]; 3];
+            for n in (0..512).filter(|&n| leaf.is_active(n) && values[n] < 0.0) {
+                for (axis, layer) in [n >> 6, n >> 3 & 7, n & 7].into_iter().enumerate() {
+                    expected[axis][layer] = expected[axis][layer].max(-values[n]);
+                }
+            }
+            prop_assert_eq!(leaf.layer_depths(), expected);
+        }
+
+        #[test]
+        fn the_range_is_that_of_the_active_voxels(
+            values in prop::collection::vec(-3f32..3.0, 512),
+            mask in any::<[u64; 8]>(),
+            is_empty in any::<bool>(),
+        ) {
+            let values: [f32; 512] = values.try_into().unwrap();
+            let mask = if is_empty { [0; 8] } else { mask };
+            let leaf = LeafView { origin: Coord([0; 3]), mask, values: &values };
+            let range = leaf.active().fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], v| {
+                [low.min(v), high.max(v)]
+            });
+            prop_assert_eq!(leaf.active_range(), (!is_empty).then_some(range));
+        }
+    }
 }

@@ -1,7 +1,7 @@
 //! Limits of memory and time for the reading of an untrusted `.vdb` file, and what the end of its reader shows.
 //!
-//! OpenVDB 10 crashed on 28 and ran out of memory on 75 of 2,400 corrupted files. A process that reads one has a parent,
-//! which waits for it and has the words for its end.
+//! OpenVDB 10 crashed on 28 and ran out of memory on 75 of 2,400 corrupted files. A process that reads one has a
+//! parent, which waits for it and has the words for its end.
 
 use super::error::FileError;
 use super::ffi;

@@ -36,35 +36,6 @@ enum Report {
     Errno(i32),
 }
 
-impl Report {
-    /// Reads the whole file.
-    fn of(path: &Path) -> Self {
-        match info(path) {
-            Ok(info) => Self::Info(info),
-            Err(FileError::Io { source, .. }) if source.raw_os_error().is_some() => {
-                Self::Errno(source.raw_os_error().unwrap_or_default())
-            }
-            Err(FileError::Damaged { reason, .. }) => Self::Damaged(reason),
-            Err(other) => Self::Damaged(other.to_string()),
-        }
-    }
-
-    /// What the file holds, or its error.
-    fn info(self, path: &Path) -> Result<FileInfo, FileError> {
-        match self {
-            Self::Info(info) => Ok(info),
-            Self::Damaged(reason) => Err(FileError::Damaged {
-                path: path.to_owned(),
-                reason,
-            }),
-            Self::Errno(number) => Err(FileError::io(
-                path,
-                std::io::Error::from_raw_os_error(number),
-            )),
-        }
-    }
-}
-
 /// The program of the child, with the arguments that make it call [`report`] or [`probe`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Program {
@@ -93,8 +64,8 @@ impl Program {
     /// the child fails.
     pub fn inspect(&self, path: &Path) -> Result<FileInfo, FileError> {
         let limits = Limits::for_file(path)?;
-        if let Some(_reading) = Reading::begin(path, limits) {
-            return Report::of(path).info(path);
+        if let Some(_watched) = Reading::begin(path, limits) {
+            return info(path);
         }
         inspect(self.command(path, limits, &["info"]), path, limits)
     }
@@ -132,7 +103,7 @@ impl Program {
         reading: Option<CoarseReading>,
     ) -> Result<Volume, FileError> {
         let limits = Limits::for_file(path)?;
-        if let Some(_reading) = Reading::begin(path, limits) {
+        if let Some(_watched) = Reading::begin(path, limits) {
             return Volume::open(path, name, reading)?.surveyed(path);
         }
         let coarse = reading.map(|r| {
@@ -204,7 +175,15 @@ impl fmt::Debug for PrefetchedGrid {
 /// limits of the process; only for a process that does nothing else.
 pub fn report(path: &Path, limits: Limits) -> String {
     limit_child(limits);
-    serde_json::to_string(&Report::of(path)).unwrap_or_default()
+    let report = match info(path) {
+        Ok(info) => Report::Info(info),
+        Err(FileError::Io { source, .. }) if source.raw_os_error().is_some() => {
+            Report::Errno(source.raw_os_error().unwrap_or_default())
+        }
+        Err(FileError::Damaged { reason, .. }) => Report::Damaged(reason),
+        Err(other) => Report::Damaged(other.to_string()),
+    };
+    serde_json::to_string(&report).unwrap_or_default()
 }
 
 /// Child: limits its memory and reads one grid of floats as [`Program::fetch`] will; with `reading`, a coarse copy that
@@ -245,13 +224,23 @@ pub fn inspect(child: Command, path: &Path, limits: Limits) -> Result<FileInfo, 
     std::fs::metadata(path).map_err(|e| FileError::io(path, e))?;
     let text = run_child(child, path, limits, Stdio::piped())?;
     let line = text.lines().rev().find(|l| l.starts_with('{'));
-    let report: Report = line
+    let report = line
         .and_then(|l| serde_json::from_str(l).ok())
         .ok_or_else(|| FileError::Damaged {
             path: path.to_owned(),
             reason: "its reader failed: it wrote no report".into(),
         })?;
-    report.info(path)
+    match report {
+        Report::Info(info) => Ok(info),
+        Report::Damaged(reason) => Err(FileError::Damaged {
+            path: path.to_owned(),
+            reason,
+        }),
+        Report::Errno(number) => Err(FileError::io(
+            path,
+            std::io::Error::from_raw_os_error(number),
+        )),
+    }
 }
 
 /// Parent: starts the child, kills it at the time limit, and returns what it wrote if `out` is a pipe. A child that

@@ -29,7 +29,7 @@ const LINE_BUDGETS: [(&str, usize); 14] = [
     ("crystal", 8250),
     ("formats", 20626),
     ("solids", 5820),
-    ("vdb", 12027),
+    ("vdb", 12152),
     ("recipe", 5650),
     ("pipeline", 24171),
     ("cli", 15535),
