@@ -179,8 +179,13 @@ pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ! {
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     let run = || run_process(&arguments, Isolation::Fork);
     let code = std::panic::catch_unwind(AssertUnwindSafe(run)).unwrap_or(failure::EXIT_BUG);
+    exit(code)
+}
+
+/// Ends the process without exit handlers: those of libraries wait for their threads, which a forked process does not
+/// have.
+fn exit(code: u8) -> ! {
     let _ = std::io::stdout().flush();
-    // Without exit handlers: those of libraries wait for their threads, which a forked process does not have.
     signal_hook::low_level::exit(i32::from(code))
 }
 
@@ -225,6 +230,7 @@ fn run_process(arguments: &[OsString], isolation: Isolation) -> u8 {
     } else {
         Role::Alone
     };
+    let is_child = matches!(role, Role::Child(_));
     let relay = match role {
         Role::Alone => None,
         Role::Child(relay) => Some(relay),
@@ -252,11 +258,16 @@ fn run_process(arguments: &[OsString], isolation: Isolation) -> u8 {
     session.finish();
     let answered = answered.unwrap_or_else(|_| Err(Failure::bug()));
     // A signal during unwinding decides the exit code, whatever the error is, unless the run can be resumed.
-    match (answered, session.signals.exit_code()) {
+    let code = match (&answered, session.signals.exit_code()) {
         (Ok(answer), _) => answer.print(&session),
         (Err(failure), Some(code)) if !failure.is_resumable() => {
             Failure::stopped(code).print(&session)
         }
         (Err(failure), _) => failure.print(&session),
+    };
+    // Nothing is freed after the words, since a file that destroyed the heap would end the program by a second error.
+    if is_child {
+        exit(code);
     }
+    code
 }

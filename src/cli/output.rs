@@ -46,7 +46,7 @@ impl Answer {
     }
 
     /// Prints the result and returns the exit code. A closed pipe is no error.
-    pub(super) fn print(self, session: &Session) -> u8 {
+    pub(super) fn print(&self, session: &Session) -> u8 {
         let text = if session.json() {
             format!("{}\n", terminal::json(&self.json))
         } else if self.text.is_empty() || self.text.ends_with('\n') {

@@ -20,6 +20,10 @@ use std::process::ExitStatus;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::Relaxed;
+use std::time::{Duration, Instant};
+
+/// Time in which several signals are one.
+const MERGED_TIME: Duration = Duration::from_millis(100);
 
 /// What a process is after [`split`].
 pub(super) enum Role {
@@ -70,9 +74,14 @@ impl Parent {
     /// The error of the file that ended the program.
     pub(super) fn wait(mut self) -> Result<u8, Failure> {
         let received = self.register_handlers();
-        let mut count = 0;
+        let (mut count, mut latest) = (0, None);
         let status = loop {
             for (signal, _) in received.iter().filter(|r| r.1.swap(false, Relaxed)) {
+                // `timeout` sends one to this process, and at once to its group.
+                if latest.is_some_and(|t: Instant| t.elapsed() < MERGED_TIME) {
+                    continue;
+                }
+                latest = Some(Instant::now());
                 let _ = self.relay.sender.write_all(&[*signal as u8]);
                 count += 1;
                 // The program may have got no thread that receives it.

@@ -146,6 +146,7 @@ impl Signals {
         let code = self.exit_code().unwrap_or(128);
         let (sent, received) = channel();
         let _ = std::thread::Builder::new().spawn(move || {
+            crate::vdb::forked::restore_outputs();
             let words =
                 "error: stopped while waiting for another program, such as the reader of a pipe\n";
             let _ = std::io::stderr().write_all(words.as_bytes());

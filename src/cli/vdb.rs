@@ -1,9 +1,9 @@
 //! Opening `.vdb` files so that a damaged file cannot crash the program.
 //!
 //! Where the arguments name one, the program has a parent for that, in `parent`, and reads it at once. Elsewhere, in
-//! servers and for the files of a recipe, a reader reads it first: this program with a hidden command, limited in memory
-//! and time. It writes a description, or a coarse copy of a large level set, to a pipe; any other grid is read again by
-//! this process.
+//! servers and for the files of a recipe, a reader reads it first: this program with a hidden command, limited in
+//! memory and time. It writes a description, or a coarse copy of a large level set, to a pipe; any other grid is read
+//! again by this process.
 
 use super::context::Session;
 use super::failure::Failure;

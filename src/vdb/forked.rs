@@ -10,7 +10,7 @@ use super::memory::address_space;
 use rustix::process::{
     Pid, Signal, getpid, getppid, kill_process, set_parent_process_death_signal,
 };
-use rustix::stdio::dup2_stderr;
+use rustix::stdio::{dup2_stderr, dup2_stdout};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
 use std::fs::File;
@@ -70,8 +70,8 @@ struct CurrentFile {
     spent: Duration,
 }
 
-/// Forks the process: `None` in the child, which is the program from then on and ends with its parent. It has the calling
-/// thread alone.
+/// Forks the process: `None` in the child, which is the program from then on and ends with its parent. It has the
+/// calling thread alone.
 ///
 /// # Errors
 /// The system refuses another process, or a socket.
@@ -181,13 +181,15 @@ impl ForkedProgram {
     }
 }
 
-/// A file that a forked program reads: from the first notice to the second. Where the C library finds the heap destroyed
-/// meanwhile, it prints nothing.
+/// A file that a forked program reads: from the first notice to the second. Meanwhile nothing is printed: libraries
+/// have words of their own where memory runs out or the heap is destroyed.
 pub(super) struct Reading {
     notices: MutexGuard<'static, UnixDatagram>,
     limits: Imposed,
-    stderr: Option<OwnedFd>,
 }
+
+/// Where stdout and stderr lead, while a file is read.
+static OUTPUTS: Mutex<Option<[OwnedFd; 2]>> = Mutex::new(None);
 
 impl Reading {
     /// Begins to read a file; `None` in a process that is no forked program.
@@ -196,29 +198,43 @@ impl Reading {
         let notices = NOTICES.get()?;
         let notices = notices.lock().unwrap_or_else(PoisonError::into_inner);
         send(&notices, &Notice::Begins(path.into(), limits));
+        // Without it a library may print, no more.
+        let _ = silence_outputs();
         Some(Self {
             notices,
             limits: limits.impose(address_space().unwrap_or(u64::MAX)),
-            stderr: silence_stderr().ok(),
         })
     }
 }
 
 impl Drop for Reading {
     fn drop(&mut self) {
-        if let Some(stderr) = &self.stderr {
-            let _ = dup2_stderr(stderr);
-        }
+        restore_outputs();
         self.limits.lift();
         send(&self.notices, &Notice::Ends);
     }
 }
 
-/// Leads stderr nowhere, and returns where it led.
-fn silence_stderr() -> io::Result<OwnedFd> {
-    let own = io::stderr().as_fd().try_clone_to_owned()?;
-    dup2_stderr(File::options().write(true).open("/dev/null")?)?;
-    Ok(own)
+/// Leads stdout and stderr nowhere.
+fn silence_outputs() -> io::Result<()> {
+    let own = [
+        io::stdout().as_fd().try_clone_to_owned()?,
+        io::stderr().as_fd().try_clone_to_owned()?,
+    ];
+    let nowhere = File::options().write(true).open("/dev/null")?;
+    *OUTPUTS.lock().unwrap_or_else(PoisonError::into_inner) = Some(own);
+    dup2_stdout(&nowhere)?;
+    dup2_stderr(&nowhere)?;
+    Ok(())
+}
+
+/// Leads stdout and stderr where they led before a file was read; for a program that ends meanwhile, too.
+pub(crate) fn restore_outputs() {
+    let mut outputs = OUTPUTS.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some([stdout, stderr]) = outputs.take() {
+        let _ = dup2_stdout(stdout);
+        let _ = dup2_stderr(stderr);
+    }
 }
 
 /// A parent that does not receive has ended, and its child with it.
@@ -230,7 +246,7 @@ fn send(notices: &UnixDatagram, notice: &Notice) {
 mod tests {
     use super::*;
 
-    /// A program of which only the notices exist, and its end of them.
+    /// A program that exists by its notices alone, and the end that sends them.
     fn program() -> (ForkedProgram, UnixDatagram) {
         let (notices, waker) = UnixDatagram::pair().unwrap();
         let sender = waker.try_clone().unwrap();

@@ -110,15 +110,23 @@ fn further_interrupts_of_the_parent_end_the_program_at_once() {
     assert!(!text(&output.stderr).contains(IDLE_WORDS));
 }
 
-/// One of a terminal reaches both processes, and is passed on all the same.
+/// One of a terminal reaches both processes, and is passed on all the same; `timeout` sends its signal to the process
+/// and to its group.
 #[test]
-fn an_interrupt_of_both_processes_is_one() {
-    let place = lattice_of(0.1);
-    let parent = waiting_program(&place);
-    send("INT", &format!("-{}", parent.id()));
-    let output = parent.wait_with_output().unwrap();
-    assert_eq!(output.status.code(), Some(130));
-    assert!(text(&output.stderr).contains(IDLE_WORDS));
+fn a_signal_to_both_processes_is_one() {
+    for is_of_timeout in [false, true] {
+        let place = lattice_of(0.1);
+        let parent = waiting_program(&place);
+        let id = parent.id();
+        let (process, group) = (id.to_string(), format!("-{id}"));
+        let mut kill = Command::new("kill");
+        kill.args(["-TERM", "--"]);
+        kill.args(is_of_timeout.then_some(process)).arg(group);
+        assert!(kill.status().unwrap().success());
+        let output = parent.wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(143));
+        assert!(text(&output.stderr).contains(IDLE_WORDS));
+    }
 }
 
 /// Whether a process has ended, whoever is to bury it.
