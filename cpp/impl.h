@@ -54,7 +54,7 @@ inline openvdb::FloatGrid& floats(Grid& grid) {
 bool is_plain(const openvdb::math::Transform& transform);
 
 // Removes tags with names of OpenVDB's own and values of other types, as a damaged file may have: OpenVDB fails where
-// it sets such a tag. Removes the tag of delayed loading too, which no other file may have.
+// it sets such a tag. Removes the tag of delayed loading too, which describes the leaves of one file.
 void drop_mistyped_tags(openvdb::MetaMap& tags);
 
 // Checks for cancellation in Rust, at most every 20 ms and from any thread. Cancellation is permanent.

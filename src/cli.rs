@@ -178,7 +178,8 @@ fn grammar() -> clap::Command {
 pub fn main(arguments: impl IntoIterator<Item = OsString>) -> ! {
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     let run = || run_process(&arguments, Isolation::Fork);
-    let code = std::panic::catch_unwind(AssertUnwindSafe(run)).unwrap_or(failure::EXIT_BUG);
+    let code = std::panic::catch_unwind(AssertUnwindSafe(run));
+    let code = code.unwrap_or_else(|_| Failure::bug().print_plain());
     exit(code)
 }
 

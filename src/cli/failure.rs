@@ -22,7 +22,7 @@ mod exhausted;
 pub(super) const USAGE: u8 = 2;
 const EXIT_DATA: u8 = 65;
 const EXIT_NO_INPUT: u8 = 66;
-pub(super) const EXIT_BUG: u8 = 70;
+const EXIT_BUG: u8 = 70;
 const EXIT_CREATE: u8 = 73;
 const EXIT_IO: u8 = 74;
 const EXIT_RESUMABLE: u8 = 75;
@@ -169,6 +169,11 @@ impl Failure {
         }
     }
 
+    /// Whether the data of a file are at fault.
+    pub(super) fn is_of_data(&self) -> bool {
+        self.code == EXIT_DATA
+    }
+
     /// Whether the machine, not the input, is at fault.
     pub(super) fn is_of_machine(&self) -> bool {
         matches!(self.code, EXIT_CREATE | EXIT_IO)
@@ -231,6 +236,12 @@ impl Failure {
             let _ = writeln!(block, "  {} {hint}", paint("1;36", "hint:"));
         }
         block
+    }
+
+    /// Prints the failure without colours, where there is no session, and returns the exit code.
+    pub(super) fn print_plain(&self) -> u8 {
+        let _ = write!(std::io::stderr(), "{}", self.block(false));
+        self.code
     }
 
     /// Prints the failure and returns the exit code.

@@ -3,6 +3,7 @@
 //! It passes signals and the exit code on, and has the words for a file that ends the program.
 
 use super::failure::Failure;
+use super::kind::FileKind;
 use super::signals::{PASSED_ON, Relay, is_ignored};
 use crate::io::ReadError;
 use crate::vdb::forked::{ForkedProgram, fork};
@@ -22,8 +23,8 @@ use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, Instant};
 
-/// Time in which several signals are one.
-const MERGED_TIME: Duration = Duration::from_millis(100);
+/// Time after a signal in which further ones, of any kind, are taken for the same.
+const MERGED_TIME: Duration = Duration::from_millis(500);
 
 /// What a process is after [`split`].
 pub(super) enum Role {
@@ -107,9 +108,16 @@ impl Parent {
         if let Some(error) = self.program.fault(status) {
             return Err(error.into());
         }
-        // A sound file is not at fault.
-        for path in self.program.suspects(status) {
-            super::vdb::inspect(Path::new(path))?;
+        // A sound file is not at fault, nor one that cannot be judged any more. A signal ends this process from now on.
+        for (signal, _) in &received {
+            let _ = flag::register_conditional_default(*signal, Arc::new(true.into()));
+        }
+        let suspects = self.program.suspects(status).iter().map(Path::new);
+        for path in suspects.filter(|path| FileKind::of(path, &[FileKind::Vdb]).is_ok()) {
+            match super::vdb::inspect(path) {
+                Err(failure) if failure.is_of_data() => return Err(failure),
+                _ => {}
+            }
         }
         if let Some(signal) = status.signal() {
             end_by(signal);

@@ -5,7 +5,7 @@
 
 use super::error::FileError;
 use super::ffi;
-use super::limits::{Imposed, Limits};
+use super::limits::{Imposed, Limits, is_crash};
 use super::memory::address_space;
 use rustix::process::{
     Pid, Signal, getpid, getppid, kill_process, set_parent_process_death_signal,
@@ -17,7 +17,6 @@ use std::fs::File;
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::net::UnixDatagram;
-use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 use std::process::ExitStatus;
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
@@ -25,15 +24,6 @@ use std::time::{Duration, Instant};
 
 /// Bytes of the longest notice: each byte of the longest path as a number and a comma.
 const NOTICE_BYTES: usize = 1 << 16;
-
-/// Signals of a crash: those of instructions, memory and arithmetic, and of a library that aborts.
-const CRASHES: [i32; 5] = [
-    Signal::ILL.as_raw(),
-    Signal::ABORT.as_raw(),
-    Signal::BUS.as_raw(),
-    Signal::FPE.as_raw(),
-    Signal::SEGV.as_raw(),
-];
 
 /// Longest wait for a notice. A parent whose handlers of signals fail sees the end of its child that much later.
 const LONGEST_WAIT: Duration = Duration::from_secs(1);
@@ -119,8 +109,9 @@ impl ForkedProgram {
     pub fn wait_for_notice(&mut self) {
         let start = Instant::now();
         let _ = self.notices.set_read_timeout(Some(LONGEST_WAIT));
+        let was_reading = self.current.is_some();
         self.receive();
-        if let Some(current) = &mut self.current {
+        if let Some(current) = self.current.as_mut().filter(|_| was_reading) {
             // A longer wait is the time for which a terminal stopped both processes.
             current.spent += start.elapsed().min(LONGEST_WAIT);
         }
@@ -148,7 +139,11 @@ impl ForkedProgram {
                     spent: Duration::ZERO,
                 });
             }
-            Ok(Notice::Ends) => self.has_read.extend(self.current.take().map(|c| c.path)),
+            Ok(Notice::Ends) => {
+                let read = self.current.take().map(|c| c.path);
+                let is_new = |path: &OsString| !self.has_read.contains(path);
+                self.has_read.extend(read.filter(is_new));
+            }
             // A byte of a handler.
             Err(_) => {}
         }
@@ -173,7 +168,7 @@ impl ForkedProgram {
     /// The files that a program has read before it crashed; empty after any other end. A damaged file may destroy the
     /// heap, which is noticed later.
     pub fn suspects(&self, status: ExitStatus) -> &[OsString] {
-        if status.signal().is_some_and(|s| CRASHES.contains(&s)) {
+        if is_crash(status) {
             &self.has_read
         } else {
             &[]
@@ -181,8 +176,8 @@ impl ForkedProgram {
     }
 }
 
-/// A file that a forked program reads: from the first notice to the second. Meanwhile nothing is printed: libraries
-/// have words of their own where memory runs out or the heap is destroyed.
+/// A file that a forked program reads: from the first notice to the second. Meanwhile nothing is printed, and a bar
+/// stands still: libraries have words of their own where memory runs out or the heap is destroyed.
 pub(super) struct Reading {
     notices: MutexGuard<'static, UnixDatagram>,
     limits: Imposed,
@@ -209,9 +204,10 @@ impl Reading {
 
 impl Drop for Reading {
     fn drop(&mut self) {
-        restore_outputs();
         self.limits.lift();
         send(&self.notices, &Notice::Ends);
+        // Last, since the notice is allocated, in a heap that may be destroyed.
+        restore_outputs();
     }
 }
 
@@ -222,7 +218,8 @@ fn silence_outputs() -> io::Result<()> {
         io::stderr().as_fd().try_clone_to_owned()?,
     ];
     let nowhere = File::options().write(true).open("/dev/null")?;
-    *OUTPUTS.lock().unwrap_or_else(PoisonError::into_inner) = Some(own);
+    let mut outputs = OUTPUTS.lock().unwrap_or_else(PoisonError::into_inner);
+    *outputs = Some(own);
     dup2_stdout(&nowhere)?;
     dup2_stderr(&nowhere)?;
     Ok(())
@@ -245,6 +242,7 @@ fn send(notices: &UnixDatagram, notice: &Notice) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::os::unix::process::ExitStatusExt;
 
     /// A program that exists by its notices alone, and the end that sends them.
     fn program() -> (ForkedProgram, UnixDatagram) {

@@ -5,7 +5,7 @@
 
 use super::error::FileError;
 use super::ffi;
-use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use rustix::process::{Resource, Rlimit, Signal, getrlimit, setrlimit};
 use serde::{Deserialize, Serialize};
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
@@ -85,7 +85,9 @@ impl Limits {
     /// As [`Limits::error_of`], for a process that also ends for other reasons than its reading; `None` for those.
     pub(super) fn error_of_reading(self, status: ExitStatus, path: &Path) -> Option<FileError> {
         let codes = [EXIT_EXHAUSTED, EXIT_NO_THREADS].map(|c| Some(i32::from(c)));
-        let is_of_reading = status.signal().is_some() || codes.contains(&status.code());
+        // The system kills a process where memory runs out.
+        let is_killed = status.signal() == Some(Signal::KILL.as_raw());
+        let is_of_reading = is_crash(status) || is_killed || codes.contains(&status.code());
         is_of_reading.then(|| self.error_of(status, path))
     }
 
@@ -116,6 +118,13 @@ impl Limits {
             None => format!("reading it ended the reader with {status}"),
         }
     }
+}
+
+/// Whether a process has crashed: by an instruction, memory, arithmetic, or a library that aborts.
+pub(super) fn is_crash(status: ExitStatus) -> bool {
+    use Signal as S;
+    let crashes = [S::ILL, S::ABORT, S::BUS, S::FPE, S::SEGV].map(S::as_raw);
+    status.signal().is_some_and(|s| crashes.contains(&s))
 }
 
 /// The limits that the process had before [`Limits::impose`].

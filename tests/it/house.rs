@@ -29,13 +29,13 @@ const LINE_BUDGETS: [(&str, usize); 14] = [
     ("crystal", 8250),
     ("formats", 20626),
     ("solids", 5820),
-    ("vdb", 12168),
+    ("vdb", 12175),
     ("recipe", 5650),
     ("pipeline", 24171),
-    ("cli", 15560),
+    ("cli", 15579),
     ("sequence", 350),
     ("python", 2550),
-    ("", 1151),
+    ("", 1152),
 ];
 
 /// Modules and what each may use; the first six use nothing.
